@@ -73,7 +73,7 @@ bool choose_light_samples(const Picture& picture, Stage& stage, int& open_sample
     stage.open_noise = found;
   }
   NoiseByLightSamples noise = *stage.open_noise;
-  // Of skies, maps take it away.
+  // Of skies maps take it away, and what stays is at most the share of one sample.
   if (stage.sky.noise_left) noise.rest = std::min(noise.rest, *stage.sky.noise_left * (noise.light + noise.rest));
   open_samples = noise.best(open_samples);
   return true;

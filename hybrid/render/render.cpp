@@ -34,12 +34,13 @@ namespace {
 // Numbers that may still be multiplied by what maps gain.
 uint64_t whole_rays(double rays) { return uint64_t(std::min(rays, 0x1p58)); }
 
-SkyRequest sky_request(const Picture& picture, const Stage& stage, Stats& stats) {
+// `wants_bounces`: unless they are too dear.
+SkyRequest sky_request(const Picture& picture, const Stage& stage, bool wants_bounces, Stats& stats) {
   SkyRequest request;
   const Scene& scene = picture.scene;
   const int depth = picture.settings.max_depth;
   const bool is_lit = has_sky(scene) && depth != 0 && depth != 1;
-  request.bounce_rays = plan_indirect(scene, *stage.lights, stage.traits, depth);
+  if (wants_bounces) request.bounce_rays = plan_indirect(scene, *stage.lights, stage.traits, depth);
   if (is_lit || picture.settings.occlusion || request.bounce_rays > 0) {
     const Rect film = picture.sampled_window();
     const SkySurvey survey = survey_sky(scene, stage.accel, stage.traits, stage.camera, film);
@@ -99,9 +100,17 @@ void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
   const StopAt stop(picture.callbacks.stop, stage.survey_end);
   RenderCallbacks callbacks = picture.callbacks;
   callbacks.stop = stop.flag();
-  const SkyRequest request = sky_request(picture, stage, stats);
+  SkyRequest request = sky_request(picture, stage, /*wants_bounces=*/true, stats);
   const auto cache = [&] { return cache_of(picture, stage); };
-  stage.sky = make_sky(picture.scene, stage.accel, stage.traits, picture.options, request, cache, callbacks, stats);
+  const auto make = [&] {
+    stage.sky = make_sky(picture.scene, stage.accel, stage.traits, picture.options, request, cache, callbacks, stats);
+  };
+  make();
+  // Maps may pay where they and bounces together do not.
+  if (request.bounces && !stage.sky.maps && !stop.is_set()) {
+    request = sky_request(picture, stage, /*wants_bounces=*/false, stats);
+    make();
+  }
   const bool is_late_for_maps = (stop.is_set() || stage.surveys_are_over()) && !stage.sky.maps;
   const bool has_all = make_indirect({picture.scene, stage.accel, stage.camera, stage.traits, stage.lights,
                                       picture.settings, callbacks, request, picture.options.check},

@@ -42,14 +42,13 @@ double LightNoise::of_light(int depth) const {
 }
 
 LightNoise::Without LightNoise::without(int depth) const {
-  constexpr Without nothing = {1.0, 1.0};
-  if (!(all_ > 0.0)) return nothing;
+  if (!(all_ > 0.0)) return {1.0, 1.0};
   const double light = of_light(depth), left = all_ - light;
   const double shared = 1.0 - 1.0 / double(picture_.settings.light_samples);
   const double averaged = shared > 0.0 ? shared * (depth == k_direct ? light : of_light(k_direct)) : 0.0;
   const double of_picture = all_ - averaged;
-  if (!picture_.goes_on() || !(of_picture > left)) return nothing;
-  return {gain_of(left / of_picture), std::max(left / all_, k_least_noise_left)};
+  if (!picture_.goes_on()) return {1.0, 1.0};
+  return {of_picture > left ? gain_of(left / of_picture) : 1.0, std::max(left / all_, k_least_noise_left)};
 }
 
 }  // namespace fieldtrace

@@ -15,8 +15,8 @@
 namespace fieldtrace {
 namespace {
 
-// Samples of each sequence in one task, at least of one pixel.
-constexpr size_t k_task_samples = 64;
+// Pixels of one task.
+constexpr size_t k_task_pixels = 64;
 // Those that tell the noise of few samples.
 constexpr double k_few_samples_pixels = 1024.0;
 // The share of a picture's camera samples that such surveys take, from one of each of these pixels up to a number from
@@ -47,10 +47,9 @@ bool trace_survey(const TransportContext& context, uint32_t samples, uint32_t re
   survey.sums.assign(survey.pixels.size(), {});
   std::atomic<bool> is_complete = true;
   tbb::enumerable_thread_specific<TransportWorker> workers([&] { return TransportWorker(context); });
-  const size_t task_pixels = std::max(k_task_samples / samples, size_t(1));
-  const size_t tasks = (survey.pixels.size() + task_pixels - 1) / task_pixels;
+  const size_t tasks = (survey.pixels.size() + k_task_pixels - 1) / k_task_pixels;
   parallel_for_isolated(tasks, [&](size_t task) {
-    const size_t begin = task * task_pixels, end = std::min(begin + task_pixels, survey.pixels.size());
+    const size_t begin = task * k_task_pixels, end = std::min(begin + k_task_pixels, survey.pixels.size());
     const auto pixels = std::span<const PixelPosition>(survey.pixels).subspan(begin, end - begin);
     const std::vector<SampleRange> ranges(pixels.size(), {0, samples});
     TransportWorker& worker = workers.local();
@@ -101,7 +100,7 @@ NoiseForecast noise_of(const NoiseSurvey& survey, ErrorMeasure measure, double m
 
 uint32_t few_samples_of(double pixels, int samples) {
   // Two surveys of two sequences each are compared.
-  const double wanted = k_survey_share * pixels * samples / (4.0 * k_few_samples_pixels);
+  const double wanted = k_survey_share * pixels * samples / (4.0 * std::min(pixels, k_few_samples_pixels));
   const double most = std::min(double(samples), k_most_few_samples);
   return uint32_t(std::min(nearest_power(std::max(wanted, 1.0)), most));
 }

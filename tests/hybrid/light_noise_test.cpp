@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 #include <tbb/task_arena.h>
 
+#include <atomic>
+
 #include "core/mesh/mesh_procedural.h"
 #include "core/mesh/mesh_stress.h"
 #include "hybrid/render/render.h"
@@ -43,7 +45,8 @@ struct TestScene : SceneMaker {
     environment(32, 16, [](int x, int y) { return y < 8 && x < 4 ? Rgb(20.0f) : Rgb(0.1f); });
   }
 
-  double gain_without(int depth, uint32_t seed = 0, int light_samples = 1) const {
+  // `asks`: as often goes_on() is true; becomes what is left of that.
+  LightNoise::Without without(int depth, int& asks, uint32_t seed = 0, int light_samples = 1) const {
     const Accel accel(scene);
     const std::vector<ShapeTraits> traits = shape_traits(scene);
     const auto lights = std::make_shared<const LightTable>(make_lights(scene));
@@ -53,20 +56,29 @@ struct TestScene : SceneMaker {
     settings.seed = seed;
     settings.light_samples = light_samples;
     Stats stats;
-    const PictureSurvey picture{scene, accel, traits, lights, settings, scene.film.crop};
+    std::atomic<int> left = asks;
+    const GoesOn goes_on = [&] { return left-- > 0; };
+    const Rect& window = scene.film.crop;
+    const PictureSurvey picture{scene, accel, traits, lights, settings, window, 1, ErrorMeasure::absolute, goes_on};
     const LightNoise noise(picture, stats);
-    const double gain = noise.without(depth).gain;
+    const LightNoise::Without found = noise.without(depth);
+    asks = left;
+    return found;
+  }
+  double gain_without(int depth, uint32_t seed = 0, int light_samples = 1) const {
+    int asks = 1 << 30;
+    const double gain = without(depth, asks, seed, light_samples).gain;
     EXPECT_GE(gain, 1.0);
     EXPECT_LE(gain, LightNoise::most_gain());
     return gain;
   }
-  uint64_t objects_mapped(RenderOptions o) const {
+  Stats rendered(RenderOptions o) const {
     o.method = Method::hybrid;
     o.spp = 64;
     o.max_depth = 2;
-    o.threads = 2;
-    return render(scene, o).stats.sky_objects;
+    return render(scene, o).stats;
   }
+  uint64_t objects_mapped(const RenderOptions& o) const { return rendered(o).sky_objects; }
 };
 
 // Emitters alone: whatever light brings, edges of their discs are all of the noise.
@@ -124,14 +136,37 @@ TEST(LightNoise, IsNotThatOfALens) {
 
 TEST(LightNoise, DependsNeitherOnThreadsNorOnTheSeed) {
   TestScene s;
-  s.floor(), s.walls();
+  s.floor();
   s.one_sided_sky();
+  s.area_light(s.instance(s.shape(ShapeKind::sphere), s.grey, scaling(Vec3(0.8f))), Rgb(20.0f));  // for edges
   double gains[2];
   for (int threads : {1, 2}) {
     tbb::task_arena arena(threads);
-    arena.execute([&] { gains[threads - 1] = s.gain_without(2, uint32_t(threads)); });
+    arena.execute([&] { gains[threads - 1] = s.gain_without(k_all, uint32_t(threads)); });
   }
   EXPECT_EQ(gains[0], gains[1]);
+  EXPECT_GT(gains[0], 1.0);
+  EXPECT_LT(gains[0], LightNoise::most_gain());
+}
+
+// Nothing is concluded from surveys that were cut short, wherever.
+TEST(LightNoise, GainsNothingWhereItIsCut) {
+  TestScene s;
+  s.floor();
+  s.one_sided_sky();
+  tbb::task_arena arena(1);
+  arena.execute([&] {
+    int left = 1 << 30;
+    EXPECT_GT(s.without(k_all, left).gain, 8.0);
+    const int all = (1 << 30) - left;
+    EXPECT_GT(all, 2);
+    for (const int most : {0, 1, all / 4, all / 2, 3 * all / 4, all - 1}) {
+      left = most;
+      const LightNoise::Without cut = s.without(k_all, left);
+      EXPECT_EQ(cut.gain, 1.0) << most;
+      EXPECT_EQ(cut.share, 1.0) << most;
+    }
+  });
 }
 
 // Hairs before a white sky, whose edges are the noise, and a ball on a floor, whose shadow is. Both take as much to
@@ -145,6 +180,17 @@ TEST(LightNoise, DecidesWhetherASkyHasMaps) {
   ball.one_sided_sky();
   EXPECT_EQ(hairs.objects_mapped({}), 0u);
   EXPECT_EQ(ball.objects_mapped({}), 1u);
+  // The film decides, whatever part of it is rendered, by however many threads.
+  for (const TestScene* s : {&hairs, &ball}) {
+    const Stats whole = s->rendered({});
+    RenderOptions part;
+    part.crop = Rect{0, 0, 8, 8};
+    part.threads = 1;
+    const Stats of_part = s->rendered(part);
+    EXPECT_EQ(of_part.sky_objects, whole.sky_objects);
+    EXPECT_EQ(of_part.sky_directions, whole.sky_directions);
+    EXPECT_EQ(of_part.survey_rays, whole.survey_rays);
+  }
   // What is asked for is made.
   RenderOptions at_any_cost;
   at_any_cost.directions = 32;
