@@ -56,20 +56,10 @@ bool choose_light_samples(const Picture& picture, Stage& stage, int& open_sample
   open_samples = picture.options.light_samples;
   if (!picture.adapts_light_samples()) return true;
   if (!stage.open_noise) {
-    const GoesOn goes_on = while_surveys_may(picture, stage);
-    const Rect window = picture.sampled_window();
-    const PictureSurvey survey{picture.scene,
-                               stage.accel,
-                               stage.traits,
-                               stage.lights,
-                               picture.settings,
-                               window,
-                               picture.survey_samples(),
-                               picture.options.error_measure,
-                               goes_on};
+    const PictureSurvey survey = picture_survey(picture, stage, picture.survey_samples());
     const NoiseByLightSamples found = noise_by_light_samples(survey, stats);
     // Where rays answer and time is short, there are no more light samples than elsewhere.
-    if (!goes_on()) return !picture.stopped() && !is_late(picture, stage);
+    if (!survey.goes_on()) return !picture.stopped() && !is_late(picture, stage);
     stage.open_noise = found;
   }
   NoiseByLightSamples noise = *stage.open_noise;

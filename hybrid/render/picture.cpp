@@ -164,4 +164,16 @@ uint32_t Picture::survey_samples() const {
   return few_samples_of(double(film.width) * double(film.height), spp);
 }
 
+PictureSurvey picture_survey(const Picture& picture, const Stage& stage, uint32_t samples) {
+  return {picture.scene,
+          stage.accel,
+          stage.traits,
+          stage.lights,
+          picture.settings,
+          picture.sampled_window(),
+          samples,
+          picture.options.error_measure,
+          while_surveys_may(picture, stage)};
+}
+
 }  // namespace fieldtrace

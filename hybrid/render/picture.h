@@ -125,4 +125,7 @@ inline std::function<bool()> while_surveys_may(const Picture& picture, const Sta
   return [&] { return !picture.stopped() && !stage.surveys_are_over(); };
 }
 
+// The picture, for surveys of its noise by so many samples. Both must outlive it.
+PictureSurvey picture_survey(const Picture& picture, const Stage& stage, uint32_t samples);
+
 }  // namespace fieldtrace

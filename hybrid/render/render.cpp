@@ -56,11 +56,8 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage, bool wants_bo
     // Rays that maps may cost which take the noise of light by paths up to this depth away: as many as that spares.
     const auto worth = [&](int up_to) {
       if (!is_lit) return double(k_usual_maps_gain) * with_paths;  // a lamp's own noise stays
-      if (!noise && (!o.at_any_cost() || picture.adapts_light_samples())) {
-        noise.emplace(PictureSurvey{scene, stage.accel, stage.traits, stage.lights, picture.settings, film, 1,
-                                    o.error_measure, while_surveys_may(picture, stage)},
-                      stats);
-      }
+      if (!noise && (!o.at_any_cost() || picture.adapts_light_samples()))
+        noise.emplace(picture_survey(picture, stage, 1), stats);
       const LightNoise::Without without = noise ? noise->without(up_to) : LightNoise::Without();
       // Maps answer one sample or many in the same time.
       const double by_maps = samples + with_paths - survey.diffuse * (lights - samples);

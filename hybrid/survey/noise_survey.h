@@ -58,7 +58,7 @@ struct PictureSurvey {
   std::span<const ShapeTraits> traits;
   const std::shared_ptr<const LightTable>& lights;
   const TransportSettings& settings;  // of the picture
-  const Rect& window;
+  Rect window;
   uint32_t samples = 1;  // few_samples_of() the picture
   ErrorMeasure measure = ErrorMeasure::absolute;
   GoesOn goes_on = [] { return true; };

@@ -10,7 +10,7 @@
 #include "core/mesh/mesh_procedural.h"
 #include "core/mesh/mesh_stress.h"
 #include "hybrid/render/render.h"
-#include "hybrid/visibility/shape_traits.h"
+#include "tests/hybrid/survey/surveyed_scene.h"
 #include "tests/support/small_scenes.h"
 
 namespace fieldtrace {
@@ -47,20 +47,15 @@ struct TestScene : SceneMaker {
 
   // `asks`: as often goes_on() is true; becomes what is left of that.
   LightNoise::Without without(int depth, int& asks, uint32_t seed = 0, int light_samples = 1) const {
-    const Accel accel(scene);
-    const std::vector<ShapeTraits> traits = shape_traits(scene);
-    const auto lights = std::make_shared<const LightTable>(make_lights(scene));
     TransportSettings settings;
     settings.max_depth = scene.integrator.max_depth;
     settings.rr_depth = 100;
     settings.seed = seed;
     settings.light_samples = light_samples;
+    const SurveyedScene surveyed{scene, settings};
     Stats stats;
     std::atomic<int> left = asks;
-    const GoesOn goes_on = [&] { return left-- > 0; };
-    const Rect& window = scene.film.crop;
-    const PictureSurvey picture{scene, accel, traits, lights, settings, window, 1, ErrorMeasure::absolute, goes_on};
-    const LightNoise noise(picture, stats);
+    const LightNoise noise(surveyed.with([&] { return left-- > 0; }), stats);
     const LightNoise::Without found = noise.without(depth);
     asks = left;
     return found;
@@ -160,12 +155,12 @@ TEST(LightNoise, GainsNothingWhereItIsCut) {
     EXPECT_GT(s.without(k_all, left).gain, 8.0);
     const int all = (1 << 30) - left;
     EXPECT_GT(all, 2);
-    for (const int most : {0, 1, all / 4, all / 2, 3 * all / 4, all - 1}) {
+    for_each_cut(all, [&](int most) {
       left = most;
       const LightNoise::Without cut = s.without(k_all, left);
       EXPECT_EQ(cut.gain, 1.0) << most;
       EXPECT_EQ(cut.share, 1.0) << most;
-    }
+    });
   });
 }
 
