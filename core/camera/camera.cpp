@@ -88,17 +88,19 @@ CameraRay CameraSampler::ray_at(const Vec2& p, const Vec2& u_lens) const {
   return {to_vec(ray.origin), to_vec(ray.direction), ray.tmax, ray.near_distance};
 }
 
-void CameraSampler::sample(const CameraSamples& samples, const AlignedVector<uint32_t>& pixel_seeds, Isa isa,
-                           RayBatch& rays, AlignedVector<float>& near_distance) const {
+void CameraSampler::sample(const CameraSamples& samples, uint32_t picture_seed, Isa isa, RayBatch& rays,
+                           AlignedVector<float>& near_distance, SampleSeeds& seeds) const {
   rays.resize(samples.size);
   near_distance.resize(padded(samples.size));
-  camera_kernel_for(resolve_isa(isa))(lens_, samples, pixel_seeds.data(), rays, near_distance.data());
+  seeds.pixel.resize(padded(samples.size)), seeds.vertex.resize(padded(samples.size));
+  camera_kernel_for(resolve_isa(isa))(lens_, samples, picture_seed, rays, near_distance.data(), seeds.pixel.data(),
+                                      seeds.vertex.data());
   rays.resize(samples.size);  // the kernel has written into the padding
 }
 
-void sample_camera_scalar(const CameraLens& lens, const CameraSamples& samples, const uint32_t* pixel_seeds,
-                          RayBatch& rays, float* near_distance) {
-  scalar::sample_camera_batch<float>(lens, samples, pixel_seeds, rays, near_distance);
+void sample_camera_scalar(const CameraLens& lens, const CameraSamples& samples, uint32_t picture_seed, RayBatch& rays,
+                          float* near_distance, uint32_t* pixel_seeds, uint32_t* vertex_seeds) {
+  scalar::sample_camera_batch<float>(lens, samples, picture_seed, rays, near_distance, pixel_seeds, vertex_seeds);
 }
 
 }  // namespace fieldtrace

@@ -34,11 +34,10 @@ class CameraSampler {
   CameraSampler& operator=(const CameraSampler&) = delete;
 
   // Generates the rays of camera samples in SIMD lanes, bit-identical for every instruction set; the members are those
-  // of CameraRay. Sample points come from stream k_camera_stream of pixel_seeds[i] (core/sampling/sobol.hd.h), which
-  // are padded as the samples are. Resizes `rays` and near_distance, the latter to whole vectors. Throws UsageError if
-  // this processor cannot run `isa`.
-  void sample(const CameraSamples& samples, const AlignedVector<uint32_t>& pixel_seeds, Isa isa, RayBatch& rays,
-              AlignedVector<float>& near_distance) const;
+  // of CameraRay. Sample points come from stream k_camera_stream of the samples' seeds. Resizes its outputs: the rays,
+  // near_distance and the seeds, the latter two to whole vectors. Throws UsageError if this processor cannot run `isa`.
+  void sample(const CameraSamples& samples, uint32_t picture_seed, Isa isa, RayBatch& rays,
+              AlignedVector<float>& near_distance, SampleSeeds& seeds) const;
 
   // The ray through film position p in pixels; (0, 0) is the film's top left corner. u_lens is in [0, 1)^2.
   CameraRay ray_at(const Vec2& p, const Vec2& u_lens) const;

@@ -14,23 +14,29 @@
 
 FT_LANES_BEGIN
 
-// Fills `rays` and near_distance for all samples. All arrays are padded to whole vectors.
+// Fills `rays`, near_distance and the seeds for all samples. All arrays are padded to whole vectors.
 template <class F>
-inline void sample_camera_batch(const CameraLens& lens, const CameraSamples& samples, const uint32_t* pixel_seeds,
-                                RayBatch& rays, float* near_distance) {
-  Uint_t<F> last_seed = splat_uint<F>(0u);
+inline void sample_camera_batch(const CameraLens& lens, const CameraSamples& samples, uint32_t picture_seed,
+                                RayBatch& rays, float* near_distance, uint32_t* pixel_seeds, uint32_t* vertex_seeds) {
+  const Uint_t<F> of_picture = splat_uint<F>(picture_seed), zero = splat_uint<F>(0u);
+  Uint_t<F> last_x = zero, last_y = zero, last_replicate = zero, seed = zero, of_vertex = zero;
   SobolSeeds<F> film_seeds = {}, aperture_seeds = {};
   for (size_t i = 0; i < samples.size; i += size_t(Lanes<F>::k_count)) {
     const Uint_t<F> px = load_uint_lanes<F>(samples.x.data() + i), py = load_uint_lanes<F>(samples.y.data() + i);
     const Uint_t<F> index = load_uint_lanes<F>(samples.index.data() + i);
-    const Uint_t<F> seed = load_uint_lanes<F>(pixel_seeds + i);
+    const Uint_t<F> replicate = load_uint_lanes<F>(samples.replicate.data() + i);
     // Many samples of one sequence share its seeds.
-    if (i == 0 || !all(as_int(seed) == as_int(last_seed))) {
+    if (i == 0 || !all((px == last_x) & (py == last_y) & (replicate == last_replicate))) {
+      const Uint_t<F> of_replicate = hash_combine_lanes<F>(of_picture, replicate);
+      seed = pixel_seed_lanes<F>(select(replicate == zero, of_picture, of_replicate), px, py);
+      of_vertex = hash_combine_lanes<F>(seed, zero);
       const Uint_t<F> camera_seed = hash_combine_lanes<F>(seed, splat_uint<F>(k_camera_stream));
       film_seeds = sobol_seeds<F>(camera_seed, 0);
       if (lens.aperture_radius > 0.0f) aperture_seeds = sobol_seeds<F>(camera_seed, 1);
-      last_seed = seed;
+      last_x = px, last_y = py, last_replicate = replicate;
     }
+    store_lanes(seed, pixel_seeds + i);
+    store_lanes(of_vertex, vertex_seeds + i);
     const UnitPair<F> film = sample_2d<F>(index, film_seeds);
     UnitPair<F> aperture = {splat<F>(0.0f), splat<F>(0.0f)};
     if (lens.aperture_radius > 0.0f) aperture = sample_2d<F>(index, aperture_seeds);

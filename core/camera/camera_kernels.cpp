@@ -13,9 +13,9 @@
 #if HWY_TARGET != HWY_SCALAR  // the scalar target is served by sample_camera_scalar
 FT_LANES_BEGIN
 
-inline void sample_camera_lanes(const CameraLens& lens, const CameraSamples& samples, const uint32_t* pixel_seeds,
-                                RayBatch& rays, float* near_distance) {
-  sample_camera_batch<F32>(lens, samples, pixel_seeds, rays, near_distance);
+inline void sample_camera_lanes(const CameraLens& lens, const CameraSamples& samples, uint32_t picture_seed,
+                                RayBatch& rays, float* near_distance, uint32_t* pixel_seeds, uint32_t* vertex_seeds) {
+  sample_camera_batch<F32>(lens, samples, picture_seed, rays, near_distance, pixel_seeds, vertex_seeds);
 }
 
 FT_LANES_END

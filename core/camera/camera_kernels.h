@@ -8,15 +8,14 @@
 
 namespace fieldtrace {
 
-// pixel_seeds: of each sample's sequence, padded likewise. The caller resizes `rays` and near_distance; the kernel
-// writes their padding too.
-using CameraKernel = void (*)(const CameraLens& lens, const CameraSamples& samples, const uint32_t* pixel_seeds,
-                              RayBatch& rays, float* near_distance);
+// The caller resizes the outputs; the kernel writes their padding too.
+using CameraKernel = void (*)(const CameraLens& lens, const CameraSamples& samples, uint32_t picture_seed,
+                              RayBatch& rays, float* near_distance, uint32_t* pixel_seeds, uint32_t* vertex_seeds);
 
 // `isa` must be resolved: supported by this processor, not `automatic`.
 CameraKernel camera_kernel_for(Isa isa);
 
-void sample_camera_scalar(const CameraLens& lens, const CameraSamples& samples, const uint32_t* pixel_seeds,
-                          RayBatch& rays, float* near_distance);
+void sample_camera_scalar(const CameraLens& lens, const CameraSamples& samples, uint32_t picture_seed, RayBatch& rays,
+                          float* near_distance, uint32_t* pixel_seeds, uint32_t* vertex_seeds);
 
 }  // namespace fieldtrace

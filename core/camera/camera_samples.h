@@ -28,4 +28,11 @@ struct CameraSamples {
   }
 };
 
+// Of each sample, padded likewise (core/sampling/sobol.hd.h). The picture's seed is combined with the number of the
+// sequence, unless that is 0.
+struct SampleSeeds {
+  AlignedVector<uint32_t> pixel;   // of the sequence: pixel_seed()
+  AlignedVector<uint32_t> vertex;  // of the first hit: vertex_seed() of 0
+};
+
 }  // namespace fieldtrace

@@ -66,12 +66,14 @@ double share_of_small(const TriangleMesh& mesh, Sets& parts, float size) {
     if (numbers[i] == bounds.size()) bounds.emplace_back();
     bounds[numbers[i]].extend(mesh.positions[i]);
   }
+  const auto is_small = [&](const Bounds3& b) { return glm::length(b.diagonal()) < size; };
+  if (std::none_of(bounds.begin(), bounds.end(), is_small)) return 0.0;
   double small = 0.0, all = 0.0;
   for (const UVec3& t : mesh.triangles) {
     const DVec3 a(mesh.positions[t.x]), b(mesh.positions[t.y]), c(mesh.positions[t.z]);
     const double area = glm::length(glm::cross(b - a, c - a));
     all += area;
-    if (glm::length(bounds[numbers[t.x]].diagonal()) < size) small += area;
+    if (is_small(bounds[numbers[t.x]])) small += area;
   }
   return all > 0.0 ? small / all : 0.0;
 }

@@ -49,8 +49,8 @@ FT_HD_INLINE uint32_t hash_combine(uint32_t a, uint32_t b) { return hash_combine
 
 // The seed of a pixel.
 template <class F>
-FT_HD_INLINE Uint_t<F> pixel_seed_lanes(uint32_t seed, Uint_t<F> x, Uint_t<F> y) {
-  return hash_combine_lanes<F>(hash_combine_lanes<F>(splat_uint<F>(seed), x), y);
+FT_HD_INLINE Uint_t<F> pixel_seed_lanes(Uint_t<F> seed, Uint_t<F> x, Uint_t<F> y) {
+  return hash_combine_lanes<F>(hash_combine_lanes<F>(seed, x), y);
 }
 FT_HD_INLINE uint32_t pixel_seed(uint32_t seed, uint32_t x, uint32_t y) { return pixel_seed_lanes<float>(seed, x, y); }
 

@@ -14,7 +14,21 @@
 namespace fieldtrace {
 namespace {
 
-constexpr int k_width = 16;  // packet width; Embree splits packets if the processor's vectors are narrower
+// Packets of rays of the width of the processor's vectors: Embree sorts and cuts wider ones.
+struct Packets8 {
+  static constexpr int k_width = 8;
+  using Ray = RTCRay8;
+  using RayHit = RTCRayHit8;
+  static constexpr auto intersect = rtcIntersect8;
+  static constexpr auto occluded = rtcOccluded8;
+};
+struct Packets16 {
+  static constexpr int k_width = 16;
+  using Ray = RTCRay16;
+  using RayHit = RTCRayHit16;
+  static constexpr auto intersect = rtcIntersect16;
+  static constexpr auto occluded = rtcOccluded16;
+};
 
 struct DeviceDeleter {
   void operator()(RTCDevice d) const { rtcReleaseDevice(d); }
@@ -35,16 +49,18 @@ RTCIntersectContext make_context(Coherence coherence) {
 
 // Sets what the packets of one query share. Inactive lanes need numbers, too: Embree 3 built with assertions, as
 // Debian's is, stops at what is none where it cuts packets for AVX2 and less.
-void prepare(RTCRay16& packet) {
+template <class Ray>
+void prepare(Ray& packet) {
   packet = {};
-  for (int lane = 0; lane < k_width; ++lane) {
+  for (unsigned lane = 0; lane < std::size(packet.mask); ++lane) {
     packet.mask[lane] = 0xffffffffu;
-    packet.id[lane] = unsigned(lane);
+    packet.id[lane] = lane;
   }
 }
 
 // Fills packet entry `lane` with ray `i`. An inactive ray gets tnear > tfar, which Embree skips.
-void set_ray(RTCRay16& packet, int lane, const RayBatch& rays, size_t i) {
+template <class Ray>
+void set_ray(Ray& packet, int lane, const RayBatch& rays, size_t i) {
   packet.org_x[lane] = rays.ox[i];
   packet.org_y[lane] = rays.oy[i];
   packet.org_z[lane] = rays.oz[i];
@@ -55,8 +71,9 @@ void set_ray(RTCRay16& packet, int lane, const RayBatch& rays, size_t i) {
 }
 
 // Fills a packet with rays begin, begin + 1, ..., the batch's padding too: whole vectors are copied.
-void set_rays(RTCRay16& packet, const RayBatch& rays, size_t begin) {
-  const auto copy = [begin](const AlignedVector<float>& from, float(&to)[k_width]) {
+template <class Ray>
+void set_rays(Ray& packet, const RayBatch& rays, size_t begin) {
+  const auto copy = [begin](const AlignedVector<float>& from, auto& to) {
     std::memcpy(to, from.data() + begin, sizeof(to));
   };
   copy(rays.ox, packet.org_x), copy(rays.oy, packet.org_y), copy(rays.oz, packet.org_z);
@@ -65,7 +82,8 @@ void set_rays(RTCRay16& packet, const RayBatch& rays, size_t begin) {
 }
 
 // Transforms the first `count` rays of a packet into object space.
-void transform_packet(RTCRay16& p, int count, const Affine& m) {
+template <class Ray>
+void transform_packet(Ray& p, int count, const Affine& m) {
   for (int i = 0; i < count; ++i) {
     const Vec3 o = transform_point(m, {p.org_x[i], p.org_y[i], p.org_z[i]});
     const Vec3 d = transform_vector(m, {p.dir_x[i], p.dir_y[i], p.dir_z[i]});
@@ -74,55 +92,76 @@ void transform_packet(RTCRay16& p, int count, const Affine& m) {
   }
 }
 
+template <int k_width>
 void set_valid(int (&valid)[k_width], int count) {
   for (int i = 0; i < k_width; ++i) valid[i] = i < count ? -1 : 0;
 }
 
 // Shared by both nearest-hit queries; calls store(packet, begin) for every packet, whose entries belong to rays begin,
 // begin + 1, ..., up to the batch's padding. Entries with an invalid geomID are misses.
-template <class Store>
+template <class P, class Store>
 void intersect_packets(RTCScene scene, Coherence coherence, const RayBatch& rays, const Store& store) {
   RTCIntersectContext context = make_context(coherence);
+  constexpr int k_width = P::k_width;
   alignas(64) int valid[k_width];
-  RTCRayHit16 packet;
+  typename P::RayHit packet;
   prepare(packet.ray);
   for (size_t begin = 0; begin < rays.size; begin += k_width) {
     set_rays(packet.ray, rays, begin);
     std::fill_n(packet.hit.geomID, k_width, RTC_INVALID_GEOMETRY_ID);
     std::fill_n(packet.hit.instID[0], k_width, RTC_INVALID_GEOMETRY_ID);
     set_valid(valid, int(std::min(rays.size - begin, size_t(k_width))));
-    rtcIntersect16(valid, scene, &context, &packet);
+    P::intersect(valid, scene, &context, &packet);
     store(packet, begin);
   }
 }
 
-// Whether a packet's indices follow one another.
+// Whether so many indices follow one another.
+template <int k_width>
 bool are_consecutive(const uint32_t* indices) {
   uint32_t differences = 0;
-  for (uint32_t lane = 0; lane < k_width; ++lane) differences |= indices[lane] ^ (indices[0] + lane);
+  for (uint32_t lane = 0; lane < uint32_t(k_width); ++lane) differences |= indices[lane] ^ (indices[0] + lane);
   return differences == 0;
 }
 
-// Shared by both occlusion queries: packs 16 listed rays at a time and marks the occluded ones.
+// Shared by both occlusion queries: packs listed rays and marks the occluded ones.
+template <class P>
 void occluded_packets(RTCScene scene, const Affine* to_object, const RayBatch& rays, std::span<const uint32_t> indices,
                       uint8_t* blocked) {
   RTCIntersectContext context = make_context(Coherence::incoherent);
+  constexpr int k_width = P::k_width;
   alignas(64) int valid[k_width];
-  RTCRay16 packet;
+  typename P::Ray packet;
   prepare(packet);
   for (size_t begin = 0; begin < indices.size(); begin += k_width) {
     const int count = int(std::min(indices.size() - begin, size_t(k_width)));
-    if (count == k_width && are_consecutive(indices.data() + begin)) {
+    if (count == k_width && are_consecutive<k_width>(indices.data() + begin)) {
       set_rays(packet, rays, indices[begin]);
     } else {
       for (int lane = 0; lane < count; ++lane) set_ray(packet, lane, rays, indices[begin + lane]);
     }
     if (to_object) transform_packet(packet, count, *to_object);
     set_valid(valid, count);
-    rtcOccluded16(valid, scene, &context, &packet);
+    P::occluded(valid, scene, &context, &packet);
     for (int lane = 0; lane < count; ++lane) {
       if (packet.tfar[lane] == -k_infinity) blocked[indices[begin + lane]] = 1;
     }
+  }
+}
+
+// Sets blocked[i] for every ray.
+template <class P>
+void occluded_by_shape(RTCScene shape, const RayBatch& rays, uint8_t* blocked) {
+  RTCIntersectContext context = make_context(Coherence::incoherent);
+  alignas(64) int valid[P::k_width];
+  typename P::Ray packet;
+  prepare(packet);
+  for (size_t begin = 0; begin < rays.size; begin += P::k_width) {
+    const int count = int(std::min(rays.size - begin, size_t(P::k_width)));
+    set_rays(packet, rays, begin);
+    set_valid(valid, count);
+    P::occluded(valid, shape, &context, &packet);
+    for (int lane = 0; lane < count; ++lane) blocked[begin + lane] = packet.tfar[lane] == -k_infinity;
   }
 }
 
@@ -134,11 +173,13 @@ struct Accel::Impl {
   ScenePtr top;
   const Scene& scene;
   std::atomic<int64_t> bytes = 0;
+  bool has_wide_packets = false;
 
   explicit Impl(const Scene& s) : scene(s) {
     device.reset(rtcNewDevice(nullptr));
     if (!device)
       throw Error("Embree could not create a device (error " + std::to_string(rtcGetDeviceError(nullptr)) + ")");
+    has_wide_packets = rtcGetDeviceProperty(device.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
     rtcSetDeviceMemoryMonitorFunction(
         device.get(),
         [](void* user, ssize_t delta, bool) {
@@ -219,18 +260,27 @@ struct Accel::Impl {
   }
 
   // `only`: the instance that `of` is the shape of; k_none: it holds instances.
-  static void intersect(RTCScene of, const RayBatch& rays, HitBatch& hits, Coherence coherence,
-                        uint32_t only = k_none) {
-    intersect_packets(of, coherence, rays, [&](const RTCRayHit16& packet, size_t begin) {
+  void intersect(RTCScene of, const RayBatch& rays, HitBatch& hits, Coherence coherence, uint32_t only = k_none) const {
+    const auto store = [&](const auto& packet, size_t begin) {
       uint32_t* const instance = hits.instance.data() + begin;
-      for (int lane = 0; lane < k_width; ++lane) {
+      for (size_t lane = 0; lane < std::size(packet.hit.geomID); ++lane) {
         const uint32_t met = only == k_none ? packet.hit.instID[0][lane] : only;
         instance[lane] = packet.hit.geomID[lane] != RTC_INVALID_GEOMETRY_ID ? met : k_none;
       }
       const auto copy = [begin](const auto& from, auto& to) { std::memcpy(to.data() + begin, from, sizeof(from)); };
       copy(packet.hit.primID, hits.primitive), copy(packet.ray.tfar, hits.t);
       copy(packet.hit.u, hits.u), copy(packet.hit.v, hits.v);
-    });
+    };
+    by_packets([&](auto packets) { intersect_packets<decltype(packets)>(of, coherence, rays, store); });
+  }
+
+  // Calls f with the packets that suit the processor.
+  template <class F>
+  void by_packets(const F& f) const {
+    if (has_wide_packets)
+      f(Packets16());
+    else
+      f(Packets8());
   }
 };
 
@@ -244,7 +294,7 @@ Accel::Accel(const Scene& scene) : impl_(std::make_unique<Impl>(scene)) {}
 Accel::~Accel() = default;
 
 void Accel::intersect(const RayBatch& rays, HitBatch& hits, Coherence coherence) const {
-  Impl::intersect(impl_->top.get(), rays, hits, coherence);
+  impl_->intersect(impl_->top.get(), rays, hits, coherence);
 }
 
 std::shared_ptr<const Accel::Group> Accel::group(std::span<const uint32_t> instances) const {
@@ -252,17 +302,20 @@ std::shared_ptr<const Accel::Group> Accel::group(std::span<const uint32_t> insta
 }
 
 void Accel::intersect(const Group& group, const RayBatch& rays, HitBatch& hits, Coherence coherence) const {
-  Impl::intersect(group.scene.get(), rays, hits, coherence);
+  impl_->intersect(group.scene.get(), rays, hits, coherence);
 }
 
 void Accel::occluded(const RayBatch& rays, std::span<const uint32_t> indices, uint8_t* blocked) const {
-  occluded_packets(impl_->top.get(), nullptr, rays, indices, blocked);
+  impl_->by_packets(
+      [&](auto packets) { occluded_packets<decltype(packets)>(impl_->top.get(), nullptr, rays, indices, blocked); });
 }
 
 void Accel::occluded_by(uint32_t instance, const RayBatch& rays, std::span<const uint32_t> indices,
                         uint8_t* blocked) const {
   const Instance& placed = impl_->scene.instances[instance];
-  occluded_packets(impl_->shapes[placed.shape].get(), &placed.to_object, rays, indices, blocked);
+  impl_->by_packets([&](auto packets) {
+    occluded_packets<decltype(packets)>(impl_->shapes[placed.shape].get(), &placed.to_object, rays, indices, blocked);
+  });
 }
 
 void Accel::intersect_with(uint32_t instance, const RayBatch& rays, HitBatch& hits) const {
@@ -273,36 +326,29 @@ void Accel::intersect_with(uint32_t instance, const RayBatch& rays, HitBatch& hi
     in_object.set(i, transform_point(placed.to_object, rays.origin(i)),
                   transform_vector(placed.to_object, rays.direction(i)), rays.tmax[i]);
   }
-  Impl::intersect(impl_->shapes[placed.shape].get(), in_object, hits, Coherence::incoherent, instance);
+  impl_->intersect(impl_->shapes[placed.shape].get(), in_object, hits, Coherence::incoherent, instance);
 }
 
 void Accel::shape_intersect(uint32_t shape, const RayBatch& rays, ShapeHits& hits) const {
-  intersect_packets(impl_->shapes[shape].get(), Coherence::incoherent, rays,
-                    [&](const RTCRayHit16& packet, size_t begin) {
-                      for (int lane = 0; lane < k_width; ++lane) {
-                        const size_t i = begin + size_t(lane);
-                        const bool hit = packet.hit.geomID[lane] != RTC_INVALID_GEOMETRY_ID;
-                        hits.t[i] = hit ? packet.ray.tfar[lane] : -1.0f;
-                        hits.nx[i] = packet.hit.Ng_x[lane];
-                        hits.ny[i] = packet.hit.Ng_y[lane];
-                        hits.nz[i] = packet.hit.Ng_z[lane];
-                        hits.primitive[i] = hit ? packet.hit.primID[lane] : k_none;
-                      }
-                    });
+  const auto store = [&](const auto& packet, size_t begin) {
+    for (size_t lane = 0; lane < std::size(packet.hit.geomID); ++lane) {
+      const size_t i = begin + lane;
+      const bool hit = packet.hit.geomID[lane] != RTC_INVALID_GEOMETRY_ID;
+      hits.t[i] = hit ? packet.ray.tfar[lane] : -1.0f;
+      hits.nx[i] = packet.hit.Ng_x[lane];
+      hits.ny[i] = packet.hit.Ng_y[lane];
+      hits.nz[i] = packet.hit.Ng_z[lane];
+      hits.primitive[i] = hit ? packet.hit.primID[lane] : k_none;
+    }
+  };
+  impl_->by_packets([&](auto packets) {
+    intersect_packets<decltype(packets)>(impl_->shapes[shape].get(), Coherence::incoherent, rays, store);
+  });
 }
 
 void Accel::shape_occluded(uint32_t shape, const RayBatch& rays, uint8_t* blocked) const {
-  RTCIntersectContext context = make_context(Coherence::incoherent);
-  alignas(64) int valid[k_width];
-  RTCRay16 packet;
-  prepare(packet);
-  for (size_t begin = 0; begin < rays.size; begin += k_width) {
-    const int count = int(std::min(rays.size - begin, size_t(k_width)));
-    set_rays(packet, rays, begin);
-    set_valid(valid, count);
-    rtcOccluded16(valid, impl_->shapes[shape].get(), &context, &packet);
-    for (int lane = 0; lane < count; ++lane) blocked[begin + lane] = packet.tfar[lane] == -k_infinity;
-  }
+  impl_->by_packets(
+      [&](auto packets) { occluded_by_shape<decltype(packets)>(impl_->shapes[shape].get(), rays, blocked); });
 }
 
 size_t Accel::memory_bytes() const { return size_t(std::max<int64_t>(impl_->bytes, 0)); }

@@ -12,7 +12,7 @@ namespace {
 // are of its cell. Its own alone goes up and down with its noise: a bright sample that one half has would be an error
 // of 1, however bright it is. Its neighbours' alone would make too much of a highlight amid dark ones.
 DVec3 value_about(const FilmSums& film, const Rect& block, int x, int y) {
-  const auto mean = [&](int i, int j) { return PixelSums(film.pixels[film.index(i, j)]).mean(); };
+  const auto mean = [&](int i, int j) { return film.pixels[film.index(i, j)].mean(); };
   DVec3 sum = mean(x, y);
   double count = 1.0;
   for (const int j : {y - 1, y + 1}) {
@@ -26,12 +26,12 @@ DVec3 value_about(const FilmSums& film, const Rect& block, int x, int y) {
 }
 
 NoiseCellSums sums_of(const FilmSums& film, const Rect& block, int x, int y, ErrorMeasure measure) {
-  const PixelSums p = film.pixels[film.index(x, y)];
+  const StoredSums& p = film.pixels[film.index(x, y)];
   const DVec3 value = measure == ErrorMeasure::relative ? value_about(film, block, x, y) : DVec3(0.0);
   const DVec3 mean = p.mean();
   NoiseCellSums s;
   s.pixels = 1.0;
-  s.work = p.work;
+  s.work = p.work();
   s.samples = double(p.samples());
   s.square = weighted_square(p.half_difference(), value, measure);
   s.of_value = weighted_square(mean * mean, value, measure);

@@ -1,6 +1,7 @@
 #include "hybrid/render/field_choice.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "hybrid/light/direct_light.h"
 #include "hybrid/render/field_survey.h"
@@ -56,7 +57,10 @@ bool choose_light_samples(const Picture& picture, Stage& stage, int& open_sample
   open_samples = picture.options.light_samples;
   if (!picture.adapts_light_samples()) return true;
   if (!stage.open_noise) {
-    const PictureSurvey survey = picture_survey(picture, stage, picture.survey_samples());
+    // What maps leave of the noise needs fewer samples than a picture by rays was expected to.
+    const double left = picture.by_rounds() ? stage.sky.noise_left.value_or(1.0) : 1.0;
+    const uint32_t samples = picture.survey_samples(std::pow(left, 1.0 / k_edge_decay));
+    const PictureSurvey survey = picture_survey(picture, stage, samples);
     const NoiseByLightSamples found = noise_by_light_samples(survey, stats);
     // Where rays answer and time is short, there are no more light samples than elsewhere.
     if (!survey.goes_on()) return !picture.stopped() && !is_late(picture, stage);

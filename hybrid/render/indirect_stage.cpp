@@ -36,10 +36,13 @@ TransportSettings surfel_settings(TransportSettings settings, int samples) {
 // Of parallelograms, beside sky maps of so many directions.
 int plane_texels_beside(int directions) { return std::min(k_most_plane_texels, 2 * directions); }
 
-// Whether the camera, or an object's centre, lies in the box of another object, such as a room's, in that object's own
-// space, or an object's centre in the ball of a much larger one, such as a ground's. Maps know objects from without,
-// and which of two comes first by their centres.
-bool has_insides(const Scene& scene, std::span<const ShapeTraits> traits, const PlaneShapes& planes) {
+// By instance, whether its light may be known; empty: of none. Maps know objects from without, and which of two comes
+// first by their centres. So the light of two objects is not where the centre of one lies in the box of the other, in
+// its own space; nor any where the camera does, or where a much smaller object's centre lies there, as in a room, or in
+// the ball about the box, as on a ground: how far a room's walls are its centre does not tell.
+std::vector<uint8_t> instances_apart(const Scene& scene, std::span<const ShapeTraits> traits,
+                                     const PlaneShapes& planes) {
+  std::vector<uint8_t> apart(scene.instances.size(), 1);
   std::vector<Sphere> balls;  // about their boxes
   for (const Instance& i : scene.instances) {
     balls.push_back(field_ball(world_bounds(scene.shapes[i.shape].bounds, i.to_world)));
@@ -49,39 +52,42 @@ bool has_insides(const Scene& scene, std::span<const ShapeTraits> traits, const 
     const ShapeTraits& of = traits[instance.shape];
     if (planes.has(instance.shape)) continue;
     const auto is_within = [&](const Vec3& p) { return !of.is_flat && lies_in_box(scene, instance, p); };
-    if (is_within(scene.camera.to_world[3])) return true;
+    if (is_within(scene.camera.to_world[3])) return {};
     for (size_t other = 0; other < balls.size(); ++other) {
+      if (other == k) continue;
       const Vec3& centre = balls[other].centre;
       const bool is_small = balls[other].radius * k_much_larger < balls[k].radius;
-      const bool is_in_ball = glm::distance(centre, balls[k].centre) < balls[k].radius;
-      if (other != k && (is_within(centre) || (is_small && is_in_ball))) return true;
+      if (is_small && (is_within(centre) || glm::distance(centre, balls[k].centre) < balls[k].radius)) return {};
+      if (is_within(centre)) apart[k] = apart[other] = 0;
     }
   }
-  return false;
+  return apart;
 }
 
 }  // namespace
 
-uint64_t plan_indirect(const Scene& scene, const LightTable& lights, std::span<const ShapeTraits> traits, int depth) {
-  if ((depth >= 0 && depth < 3) || scene.emitters.empty() || has_open_area(scene, lights)) return 0;
+IndirectPlan plan_indirect(const Scene& scene, const LightTable& lights, std::span<const ShapeTraits> traits,
+                           int depth) {
+  if ((depth >= 0 && depth < 3) || scene.emitters.empty() || has_open_area(scene, lights)) return {};
   const size_t count = scene.instances.size();
-  if (count > k_crowd) return 0;  // its far groups send no light back
+  if (count > k_crowd) return {};  // its far groups send no light back
   const PlaneShapes shapes = plane_shapes(scene, traits);
-  size_t planes = 0, senders = 0, others = 0;
-  for (const Instance& i : scene.instances) {
+  IndirectPlan plan;
+  plan.sends = instances_apart(scene, traits, shapes);
+  if (plan.sends.empty()) return {};
+  size_t planes = 0, senders = 0;
+  for (size_t k = 0; k < count; ++k) {
+    const Instance& i = scene.instances[k];
     planes += shapes.parallelograms[i.shape].has_value();
-    if (is_diffuse_and_opaque(scene, i.bsdf)) {
-      ++senders;
-    } else {
-      others += !has_diffuse_body(scene, i.bsdf);
-    }
+    plan.sends[k] = plan.sends[k] && is_diffuse_and_opaque(scene, i.bsdf);
+    senders += plan.sends[k];
   }
+  // Paths to all else go on: without a sky the maps would be made for the rest alone.
+  if (planes > size_t(k_most_planes) || senders == 0 || (!has_sky(scene) && senders < count)) return {};
   const uint64_t surfels =
       IndirectLight::cost(planes, count - planes, plane_texels_beside(k_coarse_directions)).surfels;
-  // Paths to what is neither diffuse nor a plastic go on: without a sky the maps would be made for the rest alone.
-  if ((!has_sky(scene) && senders < count) || 4 * others > senders) return 0;
-  if (planes > size_t(k_most_planes) || has_insides(scene, traits, shapes)) return 0;
-  return surfels * uint64_t(bounces_of(depth) + 3) / 4 * k_rays_a_surfel;  // after the first, one of four
+  plan.rays = surfels * uint64_t(bounces_of(depth) + 3) / 4 * k_rays_a_surfel;  // after the first, one of four
+  return plan;
 }
 
 double rays_a_path(int depth, double open, size_t lights) {
@@ -99,8 +105,7 @@ bool make_indirect(const IndirectInput& input, SkyStage& stage, Stats& stats) {
   size_t planes = 0;
   for (const SkyOccluder& o : stage.maps->occluders()) {
     planes += o.kind == SkyOccluder::Kind::plane;
-    const bool has_surfels = o.kind != SkyOccluder::Kind::ball;
-    sends.push_back(has_surfels && is_diffuse_and_opaque(input.scene, input.scene.instances[o.instance].bsdf));
+    sends.push_back(o.kind != SkyOccluder::Kind::ball && request.sends[o.instance]);
   }
   const int plane_texels = plane_texels_beside(stage.maps->directions());
   const uint64_t bytes = IndirectLight::cost(planes, sends.size() - planes, plane_texels).bytes;

@@ -24,9 +24,15 @@ struct IndirectInput {
   bool check = false;
 };
 
-// What shading costs, as SkyRequest::bounce_rays, where diffuse light that objects send on may be known in a picture:
-// paths may have three surfaces or more (`depth`: max_depth) and find no light. Else 0.
-uint64_t plan_indirect(const Scene& scene, const LightTable& lights, std::span<const ShapeTraits> traits, int depth);
+// What of the diffuse light that objects send on may be known in a picture.
+struct IndirectPlan {
+  uint64_t rays = 0;           // what shading costs, as SkyRequest::bounce_rays; 0: nothing is known
+  std::vector<uint8_t> sends;  // by instance, whether its light is
+};
+
+// Of a picture whose paths may have three surfaces or more (`depth`: max_depth) and find no light.
+IndirectPlan plan_indirect(const Scene& scene, const LightTable& lights, std::span<const ShapeTraits> traits,
+                           int depth);
 
 // Rays of a path that leaves a diffuse first surface, in the mean, which that light would spare: itself, on and on, and
 // one to each light from each further surface. `open`: the share of rays that leave the scene.

@@ -159,9 +159,9 @@ uint64_t Picture::film_samples() const {
   return uint64_t(film.width) * uint64_t(film.height) * uint64_t(spp);
 }
 
-uint32_t Picture::survey_samples() const {
+uint32_t Picture::survey_samples(double part) const {
   const Rect film = sampled_window();
-  return few_samples_of(double(film.width) * double(film.height), spp);
+  return few_samples_of(double(film.width) * double(film.height), std::max(int(part * spp), 1));
 }
 
 PictureSurvey picture_survey(const Picture& picture, const Stage& stage, uint32_t samples) {

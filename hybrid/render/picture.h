@@ -66,7 +66,7 @@ struct Picture {
   // depend on it, of the window.
   Rect sampled_window() const;
   uint64_t film_samples() const;
-  uint32_t survey_samples() const;  // few_samples_of() it
+  uint32_t survey_samples(double part = 1.0) const;  // few_samples_of() it, or of a part of its samples
   uint64_t rays_per_light() const { return film_samples() * uint64_t(options.light_samples); }
 };
 

@@ -40,7 +40,11 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage, bool wants_bo
   const Scene& scene = picture.scene;
   const int depth = picture.settings.max_depth;
   const bool is_lit = has_sky(scene) && depth != 0 && depth != 1;
-  if (wants_bounces) request.bounce_rays = plan_indirect(scene, *stage.lights, stage.traits, depth);
+  if (wants_bounces) {
+    IndirectPlan plan = plan_indirect(scene, *stage.lights, stage.traits, depth);
+    request.bounce_rays = plan.rays;
+    request.sends = std::move(plan.sends);
+  }
   if (is_lit || picture.settings.occlusion || request.bounce_rays > 0) {
     const Rect film = picture.sampled_window();
     const SkySurvey survey = survey_sky(scene, stage.accel, stage.traits, stage.camera, film);
@@ -52,26 +56,29 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage, bool wants_bo
     const double with_paths = to_sky + survey.diffuse * samples * std::max(of_path, 0.0);
     const RenderOptions& o = picture.options;
     const bool suits = admits_maps(o) && (o.at_any_cost() || !survey.is_enclosed());
+    const double known = request.bounce_rays > 0 ? survey.share_of_met_next(request.sends) : 0.0;
     std::optional<LightNoise> noise;
-    // Rays that maps may cost which take the noise of light by paths up to this depth away: as many as that spares.
-    const auto worth = [&](int up_to) {
+    // The rays that maps may cost if they know such a share of what objects send on: as many as they spare.
+    const auto worth = [&](double share) {
       if (!is_lit) return double(k_usual_maps_gain) * with_paths;  // a lamp's own noise stays
       if (!noise && (!o.at_any_cost() || picture.adapts_light_samples()))
         noise.emplace(picture_survey(picture, stage, 1), stats);
-      const LightNoise::Without without = noise ? noise->without(up_to) : LightNoise::Without();
+      const LightNoise::Without without = noise ? noise->without(share) : LightNoise::Without();
       // Maps answer one sample or many in the same time.
       const double by_maps = samples + with_paths - survey.diffuse * (lights - samples);
       const double gain = o.at_any_cost() ? LightNoise::most_gain() : without.gain;
-      request.noise_left = without.share;
       return std::max(gain * (samples + with_paths) - k_time_by_maps * by_maps, 0.0);
     };
     if (suits && request.bounce_rays > 0 && with_paths > 0.0) {
-      const double left = worth(depth) - double(request.bounce_rays);
-      request.bounces = left >= 0.0;
-      if (request.bounces) request.light_cost = whole_rays(is_lit ? left : with_paths * double(k_bounce_maps_gain));
+      const double all = worth(known), bounces = double(request.bounce_rays);
+      request.bounces = bounces <= known * all;
+      if (request.bounces) {
+        request.light_cost = whole_rays(is_lit ? all - bounces : with_paths * double(k_bounce_maps_gain));
+      }
     }
-    if (suits) request.light_rays = whole_rays(request.bounces ? with_paths : to_sky);
-    if (request.light_rays > 0 && !request.bounces) request.light_cost = whole_rays(worth(LightNoise::k_direct));
+    if (suits) request.light_rays = whole_rays(request.bounces ? to_sky + known * (with_paths - to_sky) : to_sky);
+    if (request.light_rays > 0 && !request.bounces) request.light_cost = whole_rays(worth(0.0));
+    if (noise) request.noise_left = noise->without(request.bounces ? known : 0.0).share;
     if (request.light_cost == 0) request.light_rays = 0;
     request.seen = survey.seen;
   }
@@ -84,6 +91,7 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage, bool wants_bo
 }
 
 void drop_maps(Stage& stage, Stats& stats) {
+  if (stage.sky.noise_left) stage.open_noise.reset();  // surveyed for what they leave
   stage.sky = {};
   stats.sky_objects = 0;
   stats.sky_directions = stats.sky_texels = 0;
@@ -117,6 +125,7 @@ void make_maps(const Picture& picture, Stage& stage, Stats& stats) {
     if (!stage.resumed) stage.accuracy = FieldAccuracy::rays;
     return;
   }
+  if (request.bounces && stage.sky.light && !stage.sky.light->indirect()) stage.sky.noise_left.reset();
   if (stage.sky.light && !has_sky(picture.scene) && !stage.sky.light->indirect()) {
     stage.sky.light.reset();
     stage.sky.can_be_finer = false;

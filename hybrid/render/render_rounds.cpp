@@ -79,8 +79,13 @@ class Rounds {
       const int y = w.y + int(row);
       for (int x = w.x; x < w.x + w.width; ++x) {
         const size_t i = film.index(x, y);
-        const AovSums* const aovs = film.aovs.empty() ? nullptr : &film.aovs[i];
-        write_pixel(picture_, {x, y}, film.pixels[i], aovs, decay, image);
+        if (picture_.aovs.empty()) {
+          const Rgb mean(film.pixels[i].mean());
+          std::copy_n(&mean.x, 3, image.pixel(x - w.x, y - w.y));
+        } else {
+          const AovSums* const aovs = film.aovs.empty() ? nullptr : &film.aovs[i];
+          write_pixel(picture_, {x, y}, film.pixels[i], aovs, decay, image);
+        }
       }
     });
     if (!picture_.by_rounds()) {
@@ -207,8 +212,7 @@ class Rounds {
 
   void show(const Rect& tile) const {
     const FilmSums& film = state_.film;
-    show_tile(picture_, tile,
-              [&](const PixelPosition& p) { return Rgb(PixelSums(film.pixels[film.index(p.x, p.y)]).mean()); });
+    show_tile(picture_, tile, [&](const PixelPosition& p) { return Rgb(film.pixels[film.index(p.x, p.y)].mean()); });
   }
 
   // Writes a checkpoint if one is due.

@@ -40,11 +40,12 @@ struct SkyRequest {
   float occlusion_distance = k_infinity;  // of the layer `ao`
   // Light samples of a pixel; the most that there may be where their number tells nothing of the noise.
   uint64_t samples = 0;
-  uint64_t most_bytes = 0;   // that maps may take
-  bool bounces = false;      // maps are to know light from surface to surface, too
-  uint64_t bounce_rays = 0;  // what that costs with k_coarse_directions
-  std::vector<Vec3> seen;    // for that: points that the camera sees
-  bool coarse = false;       // maps for light have no more directions than for few samples, and their tolerance
+  uint64_t most_bytes = 0;     // that maps may take
+  bool bounces = false;        // maps are to know light from surface to surface, too
+  uint64_t bounce_rays = 0;    // what that costs with k_coarse_directions
+  std::vector<uint8_t> sends;  // by instance, whether its diffuse light would be known; empty if none is
+  std::vector<Vec3> seen;      // for that: points that the camera sees
+  bool coarse = false;         // maps for light have no more directions than for few samples, and their tolerance
 };
 
 // Whether the scene has emitters that surround it.

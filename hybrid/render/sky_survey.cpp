@@ -68,6 +68,15 @@ class Planes {
 
 bool SkySurvey::is_enclosed() const { return open < std::max(k_least_sky, k_least_open * hidden_by_maps); }
 
+double SkySurvey::share_of_met_next(std::span<const uint8_t> these) const {
+  double all = 0.0, share = 0.0;
+  for (size_t i = 0; i < met_next.size(); ++i) {
+    all += met_next[i];
+    share += these[i] ? met_next[i] : 0.0;
+  }
+  return all > 0.0 ? share / all : 1.0;
+}
+
 SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
                      const CameraSampler& camera, const Rect& window) {
   RayBatch rays;
@@ -110,10 +119,13 @@ SkySurvey survey_sky(const Scene& scene, const Accel& accel, std::span<const Sha
   accel.intersect(from_surfaces, hits, Coherence::incoherent);
   const Planes planes(scene, traits);
   size_t open = 0;
+  survey.met_next.resize(scene.instances.size());
   std::vector<size_t> by_meshes;
   for (size_t i = 0; i < sent; ++i) {
     open += hits.instance[i] == k_none;
-    if (hits.instance[i] != k_none && !planes.has(hits.instance[i])) by_meshes.push_back(i);
+    if (hits.instance[i] == k_none) continue;
+    survey.met_next[hits.instance[i]] += 1.0 / double(sent);
+    if (!planes.has(hits.instance[i])) by_meshes.push_back(i);
   }
   survey.open = double(open) / double(sent);
   survey.hidden_by_maps = double(by_meshes.size()) / double(sent);

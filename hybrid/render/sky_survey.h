@@ -2,6 +2,7 @@
 // within.
 #pragma once
 
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -20,11 +21,14 @@ struct SkySurvey {
   // Of rays from there, as many as the cosine has: what meets nothing, and what meshes hide that are no parallelograms
   // or boxes. Of an enclosed scene, without what those hide as well.
   double open = 1.0, hidden_by_maps = 0.0;
+  std::vector<double> met_next;  // by instance, the share of these that meet it; empty: as open
 
   // Whether so little of the sky comes in that what maps err would show beside it, or what they let through between
   // objects that adjoin each other. Without a sky: a closed room, where what is bright leaks past what stands before
   // it.
   bool is_enclosed() const;
+  // Of what they meet, the share of the instances with `these[i]`; 1 if they meet nothing.
+  double share_of_met_next(std::span<const uint8_t> these) const;
 };
 
 // By a grid of camera rays over a part of the film.

@@ -6,7 +6,9 @@
 namespace fieldtrace {
 
 // Compares pixels sampled over the filter with the same pixels sampled at their centres, by one light sample of each
-// camera sample: the picture's light samples divide the noise of direct light. Rays count as those of surveys.
+// camera sample: the picture's light samples divide the noise of direct light. Samples of longer and shorter paths are
+// the same, so that what only the longer ones bring is known by itself: a ray that meets a surface brings that light
+// instead of the sky's, and it may have as much noise alone as both together. Rays count as those of surveys.
 class LightNoise {
  public:
   // All that `picture` refers to must outlive it, and `stats`.
@@ -17,19 +19,15 @@ class LightNoise {
     double gain = most_gain();  // what Monte Carlo's time to an error would be divided by, 1 or more, at most
     double share = 1.0;         // of the mean square of one sample with one light sample, at least
   };
-  // If light by paths of at most `depth` surfaces and lights (negative: any) had none. The gain is 1 if goes_on()
-  // became false meanwhile.
-  Without without(int depth) const;
+  // If direct light at first surfaces had none, and this share of what other surfaces send to them. The gain is 1 if
+  // goes_on() became false meanwhile.
+  Without without(double share_of_sent_on) const;
   static double most_gain();
-  // Paths of a surface and a light.
-  static constexpr int k_direct = 2;
 
  private:
-  double of_light(int depth) const;
-
   PictureSurvey picture_;
-  Stats& stats_;
-  double all_;
+  // Mean squares: of all noise; what would be taken away of it if light had none, and if direct light had none.
+  double all_ = 0.0, of_light_ = 0.0, of_direct_ = 0.0;
 };
 
 }  // namespace fieldtrace

@@ -105,8 +105,8 @@ uint32_t few_samples_of(double pixels, int samples) {
   return uint32_t(std::min(nearest_power(std::max(wanted, 1.0)), most));
 }
 
-NoiseForecast noise_of_few(const PictureSurvey& picture, const Camera& camera, const Film& film,
-                           TransportSettings settings, Stats& stats) {
+NoiseSurvey survey_few(const PictureSurvey& picture, const Camera& camera, const Film& film, TransportSettings settings,
+                       Stats& stats) {
   const CameraSampler sampler(camera, film);
   settings.first_hits = false;
   settings.seed = 0;  // what surveys decide does not depend on the picture's
@@ -114,7 +114,7 @@ NoiseForecast noise_of_few(const PictureSurvey& picture, const Camera& camera, c
   NoiseSurvey survey = {survey_pixels(picture.window, settings.seed, k_few_samples_pixels)};
   if (!trace_survey(rays.context(), picture.samples, k_few_samples_replicates, picture.goes_on, survey, stats))
     return {};
-  return noise_of(survey, picture.measure, 1.0);
+  return survey;
 }
 
 }  // namespace fieldtrace

@@ -21,7 +21,7 @@
 namespace fieldtrace {
 
 // The first numbers of the two sequences of surveys of noise, of what fields err by, of the noise of one sample, and of
-// noise_of_few(). No round uses them.
+// survey_few(). No round uses them.
 inline constexpr uint32_t k_noise_replicates = 0x80000000u, k_error_replicates = 0x80000002u;
 inline constexpr uint32_t k_one_replicates = 0x80000004u, k_few_samples_replicates = 0x80000006u;
 
@@ -47,7 +47,7 @@ bool trace_survey(const TransportContext& context, uint32_t samples, uint32_t re
 // most.
 NoiseForecast noise_of(const NoiseSurvey& survey, ErrorMeasure measure, double most);
 
-// The samples of each sequence by which noise_of_few() tells the noise of a picture of so many pixels and samples of a
+// The samples of each sequence by which survey_few() tells the noise of a picture of so many pixels and samples of a
 // pixel: as many as the picture's, or less where they would take long. With more samples light makes more of the noise.
 uint32_t few_samples_of(double pixels, int samples);
 
@@ -64,10 +64,9 @@ struct PictureSurvey {
   GoesOn goes_on = [] { return true; };
 };
 
-// What `picture.samples` samples of a pixel leave, and take, by rays with `settings`, seen by `camera` on `film`; about
-// a thousand pixels tell. Whatever the seed of `settings`, the samples are the same. No noise if goes_on() became false
-// meanwhile.
-NoiseForecast noise_of_few(const PictureSurvey& picture, const Camera& camera, const Film& film,
-                           TransportSettings settings, Stats& stats);
+// `picture.samples` samples of about a thousand pixels by rays with `settings`, seen by `camera` on `film`. Whatever
+// the seed of `settings`, the samples are the same. No pixels if goes_on() became false meanwhile.
+NoiseSurvey survey_few(const PictureSurvey& picture, const Camera& camera, const Film& film, TransportSettings settings,
+                       Stats& stats);
 
 }  // namespace fieldtrace

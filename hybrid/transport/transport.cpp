@@ -36,8 +36,8 @@ bool shows_sample(const PathVertex& vertex, const PathState& leaving, uint32_t i
 
 void TransportWorker::Impl::generate(const CameraSamples& samples) {
   const ScopedTimer timer(stats.time_primary);
-  make_seeds(samples);
-  context.camera.sample(samples, pixel_seeds, settings.isa, rays, near_distance);
+  context.camera.sample(samples, settings.seed, settings.isa, rays, near_distance, seeds);
+  number_pixels(samples);
   paths.swap(camera_paths);
   paths.resize(samples.size);
   firsts.assign(settings.first_hits ? samples.size : 0, FirstHit{});
@@ -48,24 +48,18 @@ void TransportWorker::Impl::generate(const CameraSamples& samples) {
   }
 }
 
-void TransportWorker::Impl::make_seeds(const CameraSamples& samples) {
-  for (auto* v : {&pixel_seeds, &vertex_seeds, &pixel_numbers, &block_numbers}) v->resize(padded(samples.size));
+void TransportWorker::Impl::number_pixels(const CameraSamples& samples) {
+  for (auto* v : {&pixel_numbers, &block_numbers}) v->resize(padded(samples.size));
   joins_pixels = samples.whole_blocks && context.clusters_blocks();
   const auto pixel_at = [&](size_t i) { return PixelPosition{int(samples.x[i]), int(samples.y[i])}; };
   uint32_t number = 0, block = 0;
-  for (size_t begin = 0, end = 0; begin < samples.size; begin = end) {
-    const uint32_t x = samples.x[begin], y = samples.y[begin], replicate = samples.replicate[begin];
-    const auto is_same = [&](size_t i) { return samples.x[i] == x && samples.y[i] == y; };
-    for (end = begin + 1; end < samples.size && is_same(end) && samples.replicate[end] == replicate;) ++end;
-    const uint32_t picture_seed = replicate == 0 ? settings.seed : scalar::hash_combine(settings.seed, replicate);
-    const uint32_t seed = scalar::pixel_seed(picture_seed, x, y);
-    std::fill_n(&pixel_seeds[begin], end - begin, seed);
-    std::fill_n(&vertex_seeds[begin], end - begin, scalar::vertex_seed(seed, 0));
-    number += begin == 0 || !is_same(begin - 1);
-    std::fill_n(&pixel_numbers[begin], end - begin, number);
+  for (size_t i = 0; i < samples.size; ++i) {
+    const bool is_same = i > 0 && samples.x[i - 1] == samples.x[i] && samples.y[i - 1] == samples.y[i];
+    number += !is_same;
+    pixel_numbers[i] = number;
     if (!joins_pixels) continue;
-    block += begin == 0 || !in_one_block(pixel_at(begin - 1), pixel_at(begin), k_cluster_side);
-    std::fill_n(&block_numbers[begin], end - begin, block);
+    block += i == 0 || (!is_same && !in_one_block(pixel_at(i - 1), pixel_at(i), k_cluster_side));
+    block_numbers[i] = block;
   }
 }
 

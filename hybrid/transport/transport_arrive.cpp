@@ -86,7 +86,7 @@ void TransportWorker::Impl::find_surfaces(bool only_emission) {
 
 inline PathState& TransportWorker::Impl::arriving_path(const Arrival& arrival, uint32_t i) {
   PathState& path = paths[i];
-  if (arrival.is_first) path.slot = i, path.pixel_seed = pixel_seeds[i], path.index = sample_indices[i];
+  if (arrival.is_first) path.slot = i, path.pixel_seed = seeds.pixel[i], path.index = sample_indices[i];
   return path;
 }
 
@@ -199,7 +199,7 @@ void TransportWorker::Impl::add_run(Arrival& arrival, const HitRun& run, const M
   ShadingPointBatch& points = receivers.points;
   if (arrival.is_first) {
     const size_t count = run.end - run.begin;
-    std::copy_n(&vertex_seeds[run.begin], count, &points.seed[first]);
+    std::copy_n(&seeds.vertex[run.begin], count, &points.seed[first]);
     std::copy_n(&sample_indices[run.begin], count, &points.sample[first]);
     std::copy_n(&cluster_numbers()[run.begin], count, &receivers.cluster[first]);
     return;

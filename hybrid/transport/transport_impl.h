@@ -42,7 +42,7 @@ struct TransportWorker::Impl {
   // Between calls: what generate() made. Nothing changes these paths, so most members are still those of new ones.
   std::vector<PathState> camera_paths;
   // By camera ray. The three members of a camera path that differ from a new one's are set where a path is needed.
-  AlignedVector<uint32_t> pixel_seeds, vertex_seeds;
+  SampleSeeds seeds;
   // By slot: another one for each pixel of the batch, and for each block of pixels that clusters span.
   AlignedVector<uint32_t> pixel_numbers, block_numbers;
   bool joins_pixels = false;  // clusters of first surfaces span such blocks
@@ -86,7 +86,7 @@ struct TransportWorker::Impl {
   void end(uint64_t rays_before, double seconds);
   uint64_t rays_traced() const { return stats.rays_primary + stats.rays_exact; }
   void generate(const CameraSamples& samples);
-  void make_seeds(const CameraSamples& samples);
+  void number_pixels(const CameraSamples& samples);
   void pass_hidden_emitters();
   void intersect(int vertex_number);
   bool answers_lobes(int vertex_number) const;

@@ -123,17 +123,21 @@ TEST(Camera, RaysOfABatchAreThoseOfSinglePointsOnEveryMachine) {
         const bool in_runs = count == 200;
         for (size_t i = 0; i < count; ++i) {
           const size_t x = in_runs ? 5 + i / 64 : i * 7 % 32, y = in_runs ? 3 + i / 48 : i * 5 % 20;
-          samples.set(i, uint32_t(x), uint32_t(y), uint32_t(i * i));
+          samples.set(i, uint32_t(x), uint32_t(y), uint32_t(i * i), uint32_t(in_runs ? i / 96 : i % 3));
         }
-        AlignedVector<uint32_t> seeds(padded(count));
-        for (size_t i = 0; i < count; ++i) seeds[i] = scalar::pixel_seed(k_seed, samples.x[i], samples.y[i]);
         for (const Isa isa : supported_isas()) {
           RayBatch rays;
           AlignedVector<float> near_distance;
-          sampler.sample(samples, seeds, isa, rays, near_distance);
+          SampleSeeds seeds;
+          sampler.sample(samples, k_seed, isa, rays, near_distance, seeds);
           ASSERT_EQ(rays.size, count);
           for (size_t i = 0; i < count; ++i) {
-            const uint32_t seed = scalar::vertex_seed(k_seed, samples.x[i], samples.y[i], k_camera_stream);
+            const uint32_t sequence = samples.replicate[i];
+            const uint32_t of_sequence = sequence == 0 ? k_seed : scalar::hash_combine(k_seed, sequence);
+            const uint32_t of_pixel = scalar::pixel_seed(of_sequence, samples.x[i], samples.y[i]);
+            ASSERT_EQ(seeds.pixel[i], of_pixel) << isa_name(isa);
+            ASSERT_EQ(seeds.vertex[i], scalar::vertex_seed(of_pixel, 0)) << isa_name(isa);
+            const uint32_t seed = scalar::vertex_seed(of_pixel, k_camera_stream);
             const auto u = scalar::sample_2d(samples.index[i], seed, 0);
             const auto v = scalar::sample_2d(samples.index[i], seed, 1);
             const Vec2 at(float(samples.x[i]) + 0.5f + sampler.filter_offset(u.x),

@@ -96,10 +96,23 @@ void set_lane(Packet& p, int lane, const RTCRay& r) {
   p.time[lane] = 0.0f, p.mask[lane] = r.mask, p.id[lane] = unsigned(lane), p.flags[lane] = 0;
 }
 
+// Whether the processor takes packets of so many rays whole.
+bool is_native(RTCScene scene, int rays) {
+  const RTCDevice device = rtcGetSceneDevice(scene);
+  const auto property = rays == 4   ? RTC_DEVICE_PROPERTY_NATIVE_RAY4_SUPPORTED
+                        : rays == 8 ? RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED
+                                    : RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED;
+  const bool is_supported = rtcGetDeviceProperty(device, property) != 0;
+  rtcReleaseDevice(device);
+  return is_supported;
+}
+
 // The rays in packets of N, of which every seventh lane is off: then as the ray was.
 template <int N, class RayHit, class Intersect>
 std::vector<RTCRayHit> in_packets(RTCScene scene, const std::vector<RTCRayHit>& rays, const Intersect& intersect) {
   std::vector<RTCRayHit> results = rays;
+  // Embree traces inactive rays, too, of packets that it cuts.
+  const bool is_cut = !is_native(scene, N);
   for (size_t begin = 0; begin + N <= rays.size(); begin += N) {
     alignas(64) RayHit p;
     alignas(64) int valid[N];
@@ -112,6 +125,7 @@ std::vector<RTCRayHit> in_packets(RTCScene scene, const std::vector<RTCRayHit>& 
     rtcInitIntersectContext(&context);
     intersect(valid, scene, &context, &p);
     for (int lane = 0; lane < N; ++lane) {
+      if (is_cut && valid[lane] == 0) continue;
       RTCRayHit& r = results[begin + size_t(lane)];
       r.ray.tfar = p.ray.tfar[lane], r.hit.geomID = p.hit.geomID[lane], r.hit.primID = p.hit.primID[lane];
       r.hit.u = p.hit.u[lane], r.hit.v = p.hit.v[lane];

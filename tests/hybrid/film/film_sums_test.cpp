@@ -142,6 +142,18 @@ TEST(FilmSums, StoredSumsAreTheSums) {
     EXPECT_EQ(sums.work, 16.0f);
     EXPECT_EQ(sums.seconds, 2.0);
   }
+  for (const PixelSums& sums : {whole, quarters, PixelSums()}) {
+    const StoredSums stored = sums;
+    const PixelSums read = stored;
+    EXPECT_EQ(stored.mean(), read.mean());
+    EXPECT_EQ(stored.half_difference(), read.half_difference());
+    EXPECT_EQ(stored.work(), read.work);
+    EXPECT_EQ(stored.has_halves(), read.has_halves());
+    EXPECT_EQ(stored.has_quarters(), read.has_quarters());
+    if (read.has_quarters()) {
+      EXPECT_EQ(stored.quarter_difference(), read.quarter_difference());
+    }
+  }
 }
 
 TEST(FilmSums, OneSampleHasNoVariance) {

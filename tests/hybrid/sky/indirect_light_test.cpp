@@ -386,6 +386,61 @@ TEST(IndirectLight, WithinOtherObjectsIsMonteCarlos) {
   }
 }
 
+// How far the wall of a tube is its centre does not tell: a floor beyond it, and balls beside it, would be seen from a
+// small ball within. All is left to paths.
+TEST(IndirectLight, WithinATubeIsLeftToPaths) {
+  constexpr int k_window = 24, k_spp = 16;
+  SceneMaker s;
+  s.film(k_film, k_film);
+  set_view(s.scene, {-10.6f, 0, 0.3f}, {-8, 0.1f, -0.1f}, 24.0, k_window, 4);
+  const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.7f));
+  s.scene.bsdfs[grey].two_sided = true;
+  const uint32_t ball = s.shape(ShapeKind::sphere);
+  s.instance(s.shape(ShapeKind::cylinder), grey, placed({0, 0, 1}, {0, 1, 0}, {20, 0, 0}, {-10, 0, 0}));
+  s.instance(ball, grey, placed({0.4f, 0, 0}, {0, 0.4f, 0}, {0, 0, 0.4f}, {-8.3f, 0.2f, -0.2f}));
+  for (const float y : {-2.3f, 2.3f})
+    s.instance(ball, grey, placed({1.2f, 0, 0}, {0, 1.2f, 0}, {0, 0, 1.2f}, {-6.2f, y, 0.3f}));
+  s.instance(s.shape(ShapeKind::rectangle), grey, placed({30, 0, 0}, {0, 30, 0}, {0, 0, 1}, {0, 0, -3}));
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  RenderOptions o = options_for(s.scene, Method::hybrid, k_window, k_spp);
+  o.directions = 32;
+  const Stats by_maps = render(s.scene, o).stats;
+  EXPECT_GT(by_maps.sky_objects, 0u);
+  o.method = Method::monte_carlo;
+  EXPECT_EQ(by_maps.rays_primary, render(s.scene, o).stats.rays_primary);
+}
+
+// Of a heap of two that overlap beside a third, the third and the floor send by maps, and the picture is Monte Carlo's.
+TEST(IndirectLight, BesideAHeapIsKnown) {
+  constexpr int k_window = 32, k_spp = 64;
+  uint64_t rays[2];
+  for (const bool overlaps : {false, true}) {
+    SceneMaker s;
+    s.film(k_film, k_film);
+    set_view(s.scene, {0, -7, 3}, {0, 0, 0.6f}, 30.0, k_window, 4);
+    const uint32_t grey = s.bsdf(BsdfKind::diffuse, Rgb(0.7f)), red = s.bsdf(BsdfKind::diffuse, Rgb(0.8f, 0.2f, 0.2f));
+    const uint32_t square = s.shape(ShapeKind::rectangle), ball = s.shape(ShapeKind::sphere);
+    s.instance(square, grey, test::scaling(Vec3(6.0f)));
+    s.instance(ball, grey, placed({0.6f, 0, 0}, {0, 0.6f, 0}, {0, 0, 0.6f}, {1.4f, 0, 0.6f}));
+    s.instance(ball, red, placed({0.6f, 0, 0}, {0, 0.6f, 0}, {0, 0, 0.6f}, {-0.6f, 0, 0.6f}));
+    s.instance(ball, red, placed({0.5f, 0, 0}, {0, 0.5f, 0}, {0, 0, 0.5f}, {overlaps ? -0.3f : -2.0f, 0, 0.9f}));
+    s.light(EmitterKind::constant, Rgb(1.0f));
+    RenderOptions o = options_for(s.scene, Method::hybrid, k_window, k_spp);
+    o.directions = 32;
+    const RenderResult estimate = render(s.scene, o);
+    rays[overlaps] = estimate.stats.rays_primary;
+    o.method = Method::monte_carlo;
+    o.spp = 1024;
+    const Difference d = difference(estimate.image, render(s.scene, o).image);
+    EXPECT_LT(std::abs(d.bias), 0.005 * d.mean) << overlaps;
+    EXPECT_LT(d.worst_block, 0.03 * d.mean) << overlaps;
+  }
+  const auto camera_rays = uint64_t(k_spp * k_window * k_window);
+  EXPECT_EQ(rays[false], camera_rays);
+  EXPECT_GT(rays[true], camera_rays);      // paths to the heap go on
+  EXPECT_LT(rays[true], 2 * camera_rays);  // and no others
+}
+
 TEST(IndirectLight, DoesNotDependOnTheMachineOrTheWindow) {
   Corner s(32, 4);
   s.objects();
@@ -443,6 +498,7 @@ INSTANTIATE_TEST_SUITE_P(Kinds, IndirectLightBeside,
 // Of so many samples of a scene whose light maps send on, from Monte Carlo.
 Difference difference_by_maps(const Scene& scene, int window, int samples, int samples_of_monte_carlo) {
   RenderOptions o = options_for(scene, Method::hybrid, window, samples);
+  o.directions = 32;  // whatever they gain
   o.check = true;
   const RenderResult estimate = render(scene, o);
   EXPECT_GT(estimate.stats.checked(CheckedEstimate::surfels).compared, 0u);

@@ -5,6 +5,10 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdint>
+#include <numeric>
+#include <vector>
+
 #include "core/mesh/mesh_procedural.h"
 #include "hybrid/render/render.h"
 #include "tests/support/image_statistics.h"
@@ -74,6 +78,20 @@ TEST(SkySurvey, TellsWhatMeshesAloneHide) {
   EXPECT_NEAR(open.open + open.hidden_by_maps, 1.0, 1e-9);
   EXPECT_GT(open.open, 0.05);
   EXPECT_LT(open.open, 0.2);
+}
+
+TEST(SkySurvey, TellsWhatIsMetNext) {
+  const Room room(false, false);
+  const SkySurvey s = room.survey();
+  const size_t count = room.scene.instances.size();
+  EXPECT_NEAR(std::accumulate(s.met_next.begin(), s.met_next.end(), 0.0), 1.0 - s.open, 1e-9);
+  EXPECT_NEAR(s.share_of_met_next(std::vector<uint8_t>(count, 1)), 1.0, 1e-9);
+  EXPECT_EQ(s.share_of_met_next(std::vector<uint8_t>(count, 0)), 0.0);
+  std::vector<uint8_t> walls(count, 1);
+  walls.back() = 0;  // the ball
+  EXPECT_GT(s.share_of_met_next(walls), 0.8);
+  EXPECT_LT(s.share_of_met_next(walls), 0.999);
+  EXPECT_EQ(SkySurvey().share_of_met_next({}), 1.0);
 }
 
 TEST(SkySurvey, LeavesToRaysWhatLittleLightComesTo) {

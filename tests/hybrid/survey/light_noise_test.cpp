@@ -18,7 +18,9 @@ namespace {
 
 using namespace test;
 
-constexpr int k_size = 64, k_all = -1;
+constexpr int k_size = 64;
+// Of what surfaces send on, the share whose noise is taken away.
+constexpr double k_none_sent_on = 0.0, k_all_sent_on = 1.0;
 
 struct TestScene : SceneMaker {
   uint32_t grey = 0;
@@ -26,7 +28,7 @@ struct TestScene : SceneMaker {
   TestScene() {
     film(k_size, k_size);
     scene.camera.to_world = look_at({0, 3, 4}, {0, 0, 0}, {0, 1, 0});
-    scene.integrator.max_depth = k_all;
+    scene.integrator.max_depth = -1;
     grey = bsdf(BsdfKind::diffuse, Rgb(0.8f));
     scene.bsdfs[grey].two_sided = true;
   }
@@ -46,7 +48,7 @@ struct TestScene : SceneMaker {
   }
 
   // `asks`: as often goes_on() is true; becomes what is left of that.
-  LightNoise::Without without(int depth, int& asks, uint32_t seed = 0, int light_samples = 1) const {
+  LightNoise::Without without(double share, int& asks, uint32_t seed = 0, int light_samples = 1) const {
     TransportSettings settings;
     settings.max_depth = scene.integrator.max_depth;
     settings.rr_depth = 100;
@@ -56,13 +58,13 @@ struct TestScene : SceneMaker {
     Stats stats;
     std::atomic<int> left = asks;
     const LightNoise noise(surveyed.with([&] { return left-- > 0; }), stats);
-    const LightNoise::Without found = noise.without(depth);
+    const LightNoise::Without found = noise.without(share);
     asks = left;
     return found;
   }
-  double gain_without(int depth, uint32_t seed = 0, int light_samples = 1) const {
+  double gain_without(double share, uint32_t seed = 0, int light_samples = 1) const {
     int asks = 1 << 30;
-    const double gain = without(depth, asks, seed, light_samples).gain;
+    const double gain = without(share, asks, seed, light_samples).gain;
     EXPECT_GE(gain, 1.0);
     EXPECT_LE(gain, LightNoise::most_gain());
     return gain;
@@ -86,14 +88,14 @@ TEST(LightNoise, IsNoneWhereEdgesHoldAllOfIt) {
     s.area_light(s.instance(sphere, s.grey, place), Rgb(5.0f));
   }
   s.scene.integrator.max_depth = 1;
-  EXPECT_EQ(s.gain_without(1), 1.0);
+  EXPECT_EQ(s.gain_without(k_none_sent_on), 1.0);
 }
 
 TEST(LightNoise, IsAllOfItOnAnOpenFloor) {
   TestScene s;
   s.floor();
   s.one_sided_sky();
-  EXPECT_GT(s.gain_without(2), 8.0);
+  EXPECT_GT(s.gain_without(k_none_sent_on), 8.0);
 }
 
 // A point's light is exact at the first surface, and random beyond.
@@ -101,9 +103,29 @@ TEST(LightNoise, IsToldApartByPaths) {
   TestScene s;
   s.floor(), s.walls();
   s.light(EmitterKind::point, Rgb(40.0f), Vec3(1, 3, 1));
-  const double direct = s.gain_without(2), all = s.gain_without(k_all);
+  const double direct = s.gain_without(k_none_sent_on), all = s.gain_without(k_all_sent_on);
   EXPECT_LT(direct, 1.05);
   EXPECT_GT(all, 1.5);
+}
+
+// A ray of a path under a white sky brings light from it, or from what it meets. Both together have less noise than one
+// alone, so that no more than a half is taken away without what is sent on, though direct light alone has more than
+// all.
+TEST(LightNoise, OfWhatIsSentOnMakesUpForTheSkys) {
+  TestScene s;
+  s.floor(), s.walls();
+  s.light(EmitterKind::constant, Rgb(1.0f));
+  TestScene direct = s;
+  direct.scene.integrator.max_depth = 2;
+  EXPECT_GT(direct.gain_without(k_none_sent_on), 8.0);
+  double last = s.gain_without(k_none_sent_on);
+  EXPECT_LT(last, 1.6);
+  for (const double share : {0.5, 0.9, 1.0}) {
+    const double gain = s.gain_without(share);
+    EXPECT_GT(gain, last) << share;
+    last = gain;
+  }
+  EXPECT_GT(last, 8.0);
 }
 
 // What light samples leave of it is less, but for that of longer paths, which have one.
@@ -112,11 +134,11 @@ TEST(LightNoise, IsLessWithLightSamples) {
   ball.floor();
   ball.instance(ball.mesh(make_sphere()), ball.grey, Affine(1.0f));
   ball.one_sided_sky();
-  const double one = ball.gain_without(2), many = ball.gain_without(2, 0, 1024);
+  const double one = ball.gain_without(k_none_sent_on), many = ball.gain_without(k_none_sent_on, 0, 1024);
   EXPECT_GT(one, 1.5 * many);
   room.floor(), room.walls();
   room.light(EmitterKind::point, Rgb(40.0f), Vec3(1, 3, 1));
-  EXPECT_NEAR(room.gain_without(k_all, 0, 1024), room.gain_without(k_all), 0.05);
+  EXPECT_NEAR(room.gain_without(k_all_sent_on, 0, 1024), room.gain_without(k_all_sent_on), 0.05);
 }
 
 // Out of focus, a lamp's edges are noise of the lens.
@@ -126,7 +148,7 @@ TEST(LightNoise, IsNotThatOfALens) {
   s.scene.integrator.max_depth = 1;
   s.scene.camera.aperture_radius = 0.3f;
   s.scene.camera.focus_distance = 2.0f;
-  EXPECT_EQ(s.gain_without(1), 1.0);
+  EXPECT_EQ(s.gain_without(k_none_sent_on), 1.0);
 }
 
 TEST(LightNoise, DependsNeitherOnThreadsNorOnTheSeed) {
@@ -137,7 +159,7 @@ TEST(LightNoise, DependsNeitherOnThreadsNorOnTheSeed) {
   double gains[2];
   for (int threads : {1, 2}) {
     tbb::task_arena arena(threads);
-    arena.execute([&] { gains[threads - 1] = s.gain_without(k_all, uint32_t(threads)); });
+    arena.execute([&] { gains[threads - 1] = s.gain_without(k_all_sent_on, uint32_t(threads)); });
   }
   EXPECT_EQ(gains[0], gains[1]);
   EXPECT_GT(gains[0], 1.0);
@@ -152,12 +174,12 @@ TEST(LightNoise, GainsNothingWhereItIsCut) {
   tbb::task_arena arena(1);
   arena.execute([&] {
     int left = 1 << 30;
-    EXPECT_GT(s.without(k_all, left).gain, 8.0);
+    EXPECT_GT(s.without(k_all_sent_on, left).gain, 8.0);
     const int all = (1 << 30) - left;
     EXPECT_GT(all, 2);
     for_each_cut(all, [&](int most) {
       left = most;
-      const LightNoise::Without cut = s.without(k_all, left);
+      const LightNoise::Without cut = s.without(k_all_sent_on, left);
       EXPECT_EQ(cut.gain, 1.0) << most;
       EXPECT_EQ(cut.share, 1.0) << most;
     });
