@@ -15,20 +15,16 @@ namespace fieldtrace {
 namespace {
 
 // Packets of rays of the width of the processor's vectors: Embree sorts and cuts wider ones.
-struct Packets8 {
-  static constexpr int k_width = 8;
-  using Ray = RTCRay8;
-  using RayHit = RTCRayHit8;
-  static constexpr auto intersect = rtcIntersect8;
-  static constexpr auto occluded = rtcOccluded8;
+template <int width, class R, class H, auto trace_nearest, auto trace_any>
+struct Packets {
+  static constexpr int k_width = width;
+  using Ray = R;
+  using RayHit = H;
+  static constexpr auto intersect = trace_nearest;
+  static constexpr auto occluded = trace_any;
 };
-struct Packets16 {
-  static constexpr int k_width = 16;
-  using Ray = RTCRay16;
-  using RayHit = RTCRayHit16;
-  static constexpr auto intersect = rtcIntersect16;
-  static constexpr auto occluded = rtcOccluded16;
-};
+using Packets8 = Packets<8, RTCRay8, RTCRayHit8, rtcIntersect8, rtcOccluded8>;
+using Packets16 = Packets<16, RTCRay16, RTCRayHit16, rtcIntersect16, rtcOccluded16>;
 
 struct DeviceDeleter {
   void operator()(RTCDevice d) const { rtcReleaseDevice(d); }

@@ -69,7 +69,7 @@ class StoredSums {
   double work() const { return work_; }
   bool has_halves() const { return count_[1] > 0; }
   bool has_quarters() const { return count_[0] > 1 && has_halves(); }
-  // As PixelSums have them. Reading these alone takes a third of the time of a conversion.
+  // As PixelSums have them: reading these alone spares the conversion.
   DVec3 mean() const;
   DVec3 half_difference() const;
   DVec3 quarter_difference() const;  // 0 without quarters

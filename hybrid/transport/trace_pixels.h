@@ -51,13 +51,11 @@ class PixelBatches {
         ranges_(ranges),
         sequences_(sequences),
         most_(size_t(batch_samples(lobe_samples))),
-        by_blocks_(by_blocks) {
-    for (size_t i = 0; i < pixels.size(); ++i) left_ += samples_of(i);
-  }
+        by_blocks_(by_blocks) {}
 
   // The next batch, in the order of pixels and sample indices, and whose samples it holds. False: there is none.
   bool next(CameraSamples& samples, std::vector<PixelRun>& runs) {
-    samples.resize(std::min(most_, left_));
+    samples.resize(most_);
     runs.clear();
     size_t size = 0;
     samples.whole_blocks = true;
@@ -75,7 +73,6 @@ class PixelBatches {
       if (pixel_ < block_end) break;
     }
     samples.resize(size);
-    left_ -= size;
     return size > 0;
   }
 
@@ -90,8 +87,7 @@ class PixelBatches {
     const PixelPosition& p = pixels_[pixel_];
     const SampleRange& range = ranges_[pixel_];
     for (const size_t end = done_ + std::min(left, most_); done_ < end;) {
-      const auto sequence = done_ < range.count ? 0 : uint32_t(done_ / range.count);
-      const auto done_of_it = uint32_t(done_ - sequence * size_t(range.count));
+      const auto sequence = uint32_t(done_ / range.count), done_of_it = uint32_t(done_ % range.count);
       const auto count = uint32_t(std::min<size_t>(range.count - done_of_it, end - done_));
       const uint32_t first = range.first + done_of_it, replicate = sequences_.first_replicate + sequence;
       for (uint32_t i = 0; i < count; ++i) samples.set(size + i, uint32_t(p.x), uint32_t(p.y), first + i, replicate);
@@ -108,7 +104,6 @@ class PixelBatches {
   const Sequences sequences_;
   const size_t most_;
   const bool by_blocks_;
-  size_t left_ = 0;  // samples in batches to come
   size_t pixel_ = 0;
   size_t done_ = 0;  // samples of that pixel, sequence after sequence
 };
