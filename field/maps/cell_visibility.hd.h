@@ -159,10 +159,11 @@ template <class F>
 struct PlaneSeen {
   F share;            // of the cell's part above the points' horizon
   CellCut<F> cut[4];  // by the edges
-  F distance;         // along the cell's direction
-  F reach;            // along the direction, to where another hides it
-  F front;            // of the share, the part that nothing hides
-  F visible;          // share that other parallelograms leave
+  // Where light comes back:
+  F distance;  // along the cell's direction
+  F reach;     // along the direction, to where another hides it
+  F front;     // of the share, the part that nothing hides
+  F visible;   // share that other parallelograms leave
   const PlaneLines* lines;
 };
 
@@ -222,8 +223,13 @@ class PlanesSeen {
         clear_ = clear_ * (one_ - share);
         continue;
       }
-      planes_[count_].lines = &task.planes[k];
-      planes_[count_++].share = share;
+      PlaneSeen<F>& plane = planes_[count_++];
+      plane.lines = &task.planes[k];
+      plane.share = share;
+      if (!task.reflects) continue;
+      const F height = height_over<F>(lines, p), fall = nearing<F>(lines.centre, height);
+      plane.distance = select(fall > zero_, abs(height) / max(fall, splat<F>(1e-20f)), splat<F>(1e30f));
+      plane.front = one_, plane.reach = plane.distance;
     }
     if (count_ == 0) return;
     const F above = dot3<F>(task.vector, s) * splat<F>(0.5f / task.cosine_half);
@@ -243,7 +249,17 @@ class PlanesSeen {
         plane.share = select((below > zero_) & (below < one_), min((plane.share - both) / lit, one_), plane.share);
       }
       F added = plane.share;
-      for (int i = 0; i < k; ++i) added = added * not_shared(plane, planes_[i]);
+      for (int i = 0; i < k; ++i) {
+        PlaneSeen<F>& other = planes_[i];
+        const F both = overlap<F>(plane.cut, 4, plane.share, other.cut, 4, other.share);
+        const F left = one_ - both / max(plane.share, splat<F>(1e-12f));
+        added = added * left;
+        if (!task.reflects) continue;
+        const F left_of_other = one_ - both / max(other.share, splat<F>(1e-12f));
+        const Mask_t<F> behind = other.distance < plane.distance;
+        plane.front = plane.front * select(behind, left, one_);
+        other.front = other.front * select(behind, one_, left_of_other);
+      }
       hidden = min(hidden + added, one_);
     }
     clear_ = clear_ * (one_ - hidden);
@@ -252,11 +268,6 @@ class PlanesSeen {
   FT_HD_INLINE F clear() const { return clear_; }  // share of the cell's part above the horizon
 
  protected:
-  // The part of `plane` that does not lie behind or before `other`.
-  FT_HD_INLINE F not_shared(const PlaneSeen<F>& plane, const PlaneSeen<F>& other) const {
-    return one_ - overlap<F>(plane.cut, 4, plane.share, other.cut, 4, other.share) / max(plane.share, splat<F>(1e-12f));
-  }
-
   const F zero_ = splat<F>(0.0f), one_ = splat<F>(1.0f);
   PlaneSeen<F> planes_[k_most_planes];
   int count_ = 0;
@@ -274,18 +285,6 @@ class CellLight : PlanesSeen<F> {
 
   FT_HD_INLINE CellLight(const CellTask& task, const Vec3Lanes<F>& p, const Vec3Lanes<F>& s)
       : PlanesSeen<F>(task, p, s), task_(task) {
-    for (int k = 0; k < count_; ++k) {
-      PlaneSeen<F>& plane = planes_[k];
-      const F height = height_over<F>(*plane.lines, p), fall = nearing<F>(plane.lines->centre, height);
-      plane.distance = select(fall > zero_, abs(height) / max(fall, splat<F>(1e-20f)), splat<F>(1e30f));
-      plane.front = one_, plane.reach = plane.distance;
-      for (int i = 0; i < k; ++i) {
-        PlaneSeen<F>& other = planes_[i];
-        const Mask_t<F> behind = other.distance < plane.distance;
-        plane.front = plane.front * select(behind, this->not_shared(plane, other), one_);
-        other.front = other.front * select(behind, one_, this->not_shared(other, plane));
-      }
-    }
     for (int k = 0; k < count_; ++k) {
       const PlaneLines& lines = *planes_[k].lines;
       const F distance = planes_[k].distance;

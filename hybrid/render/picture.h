@@ -17,6 +17,8 @@
 #include "hybrid/path/aovs.h"
 #include "hybrid/render/render.h"
 #include "hybrid/render/sky_stage.h"
+#include "hybrid/render/sky_survey.h"
+#include "hybrid/survey/light_noise.h"
 #include "hybrid/survey/open_light_samples.h"
 #include "hybrid/transport/transport.h"
 #include "hybrid/visibility/shape_traits.h"
@@ -91,6 +93,10 @@ struct Stage {
   uint64_t address_space = k_no_address_limit;  // that fields may reserve
   std::unique_ptr<FieldCache> cache = nullptr;  // opened when it is first needed
   SkyStage sky = {};
+  // What these surveys found, once they are made: whatever maps are requested, it is the same. The latter refers to
+  // this stage, which must stay where it is.
+  std::optional<SkySurvey> sky_survey = {};
+  std::optional<LightNoise> light_noise = {};
   OpeningDevice* device = nullptr;  // null: the CPU
   FieldAccuracy accuracy = FieldAccuracy::usual;
   std::optional<NoiseByLightSamples> open_noise = {};  // of rays alone, once surveyed

@@ -35,7 +35,7 @@ namespace {
 uint64_t whole_rays(double rays) { return uint64_t(std::min(rays, 0x1p58)); }
 
 // `wants_bounces`: unless they are too dear.
-SkyRequest sky_request(const Picture& picture, const Stage& stage, bool wants_bounces, Stats& stats) {
+SkyRequest sky_request(const Picture& picture, Stage& stage, bool wants_bounces, Stats& stats) {
   SkyRequest request;
   const Scene& scene = picture.scene;
   const int depth = picture.settings.max_depth;
@@ -46,8 +46,10 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage, bool wants_bo
     request.sends = std::move(plan.sends);
   }
   if (is_lit || picture.settings.occlusion || request.bounce_rays > 0) {
-    const Rect film = picture.sampled_window();
-    const SkySurvey survey = survey_sky(scene, stage.accel, stage.traits, stage.camera, film);
+    if (!stage.sky_survey) {
+      stage.sky_survey = survey_sky(scene, stage.accel, stage.traits, stage.camera, picture.sampled_window());
+    }
+    const SkySurvey& survey = *stage.sky_survey;
     const auto samples = double(picture.film_samples()), lights = samples * double(picture.options.light_samples);
     if (picture.settings.occlusion) request.occlusion_rays = whole_rays(survey.met * lights);
     // Diffuse surfaces send one path. The sky gets a ray from each light sample and each path.
@@ -57,7 +59,7 @@ SkyRequest sky_request(const Picture& picture, const Stage& stage, bool wants_bo
     const RenderOptions& o = picture.options;
     const bool suits = admits_maps(o) && (o.at_any_cost() || !survey.is_enclosed());
     const double known = request.bounce_rays > 0 ? survey.share_of_met_next(request.sends) : 0.0;
-    std::optional<LightNoise> noise;
+    std::optional<LightNoise>& noise = stage.light_noise;
     // The rays that maps may cost if they know such a share of what objects send on: as many as they spare.
     const auto worth = [&](double share) {
       if (!is_lit) return double(k_usual_maps_gain) * with_paths;  // a lamp's own noise stays

@@ -21,6 +21,8 @@ namespace {
 
 // Rays that maps for the layer `ao` may cost for each that they replace.
 constexpr uint64_t k_occlusion_maps_gain = 8;
+// Sources that cover more of the sphere are never sampled as lights of their own.
+constexpr double k_most_concentrated_share = 1.0 / 64.0;
 constexpr int k_fewest_directions = 8, k_usual_directions = 32, k_fine_directions = 64;
 // In pictures of fewer light samples a pixel the errors of the least maps in crowds, and of coarse ones, hardly show
 // beside the noise.
@@ -142,6 +144,12 @@ bool has_sky(const Scene& scene) {
 
 bool admits_maps(const RenderOptions& options) { return options.base_tolerance() > 0.0f && !options.force_undecided; }
 
+double largest_source(uint64_t samples, int directions) {
+  const double finer = double(directions) / double(k_fewest_directions);
+  return std::clamp(k_concentrated_share * double(samples) / (finer * finer), k_concentrated_share,
+                    k_most_concentrated_share);
+}
+
 SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeTraits> traits,
                   const RenderOptions& options, const SkyRequest& request, const CacheOpener& cache,
                   const RenderCallbacks& callbacks, Stats& stats) {
@@ -194,8 +202,10 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
     if (part == 1) {
       maps = source.make(shapes);
     } else if (for_light) {
+      // How many samples a picture by rounds takes in the end nobody knows.
+      const uint64_t samples = options.by_rounds() ? 1 : request.samples;
       try {
-        light.emplace(scene);
+        light.emplace(scene, largest_source(samples, size.directions));
       } catch (...) {
         failed = std::current_exception();
       }

@@ -54,6 +54,11 @@ bool has_sky(const Scene& scene);
 // Whether maps may answer: where the tolerance admits estimates.
 bool admits_maps(const RenderOptions& options);
 
+// The largest part of the sphere that is cut out of a sky (SkyRadiance) where a pixel has so many light samples and
+// maps D = `directions`: samples of it have noise, which falls with their number; cells blur its shadows, the less the
+// more they are.
+double largest_source(uint64_t samples, int directions);
+
 // Opens the cache that maps are kept in; null: there is none.
 using CacheOpener = std::function<FieldCache*()>;
 

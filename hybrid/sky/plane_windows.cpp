@@ -12,7 +12,7 @@ namespace {
 // A window covers objects and what lies within so many of their radii, if it is less than this share of the plane.
 constexpr float k_window_reach = 2.0f, k_largest_window = 0.25f;
 // Of a side of a room, what walls stand on at least: others are screens and furniture.
-constexpr float k_least_wall = 0.5f;
+constexpr float k_least_wall = 0.25f;
 // Of lengths: edges that meet; rounding.
 constexpr float k_beside = 1e-3f, k_rounding = 1e-5f;
 

@@ -19,8 +19,11 @@ constexpr int k_fine_cells = 128;      // along each side of the fine grid
 constexpr int k_table_cells = 64;      // of the irradiance by normal, and of the cells that it is summed over
 constexpr double k_fine_samples = 16;  // of a map in each fine cell, in the mean
 constexpr size_t k_bands = 16;         // of a map's rows: sums are those of the bands in order, whatever the threads
-// What is cut out covers less of the sphere than this, and carries more of the map's power than that.
-constexpr double k_concentrated_share = 1.0 / 500.0, k_concentrated_power = 0.05;
+// What is cut out carries more of the map's power than this.
+constexpr double k_concentrated_power = 0.05;
+// The half angle of the widest cone, radians, in which a source counts that covers more than k_concentrated_share:
+// something hides a part of a bright horizon nearly everywhere.
+constexpr float k_widest_source = 1.0f;
 
 Rgb positive(const Rgb& c) { return glm::max(c, Rgb(0.0f)); }
 
@@ -56,7 +59,7 @@ double row_weight(int y, int height) {
 
 // The luminance above which a map's light counts as concentrated; infinite if it has no such source. By a histogram
 // over the leading bits of floats, eight bins for each power of two.
-float concentration_threshold(const Bitmap& map) {
+float concentration_threshold(const Bitmap& map, double largest) {
   constexpr int k_dropped_bits = 20;
   constexpr size_t k_bins = size_t(1) << (31 - k_dropped_bits);
   std::vector<double> area(k_bins, 0.0), power(k_bins, 0.0);
@@ -73,7 +76,7 @@ float concentration_threshold(const Bitmap& map) {
   for (size_t bin = 0; bin < k_bins; ++bin) all_area += area[bin], all_power += power[bin];
   double above_area = 0.0, above_power = 0.0;
   size_t least = k_bins;
-  while (least > 0 && above_area + area[least - 1] <= k_concentrated_share * all_area) {
+  while (least > 0 && above_area + area[least - 1] <= largest * all_area) {
     above_area += area[--least];
     above_power += power[least];
   }
@@ -99,10 +102,10 @@ Rgb rest_of(const Rgb& texel, float threshold) {
 
 }  // namespace
 
-SkyRadiance::SkyRadiance(const Scene& scene) {
+SkyRadiance::SkyRadiance(const Scene& scene, double largest) {
   for (const Emitter& e : scene.emitters) {
     if (e.kind == EmitterKind::constant) constant_ += e.value;
-    if (e.kind == EmitterKind::environment) add_map(scene, e);
+    if (e.kind == EmitterKind::environment) add_map(scene, e, largest);
   }
   if (fine_.empty()) return;
   table_ = make_table(0.0f);
@@ -115,40 +118,54 @@ SkyRadiance::SkyRadiance(const Scene& scene) {
   share_ = float(power_ / (power_ + rest));
 }
 
-void SkyRadiance::cut_out(const Bitmap& map, const Emitter& emitter, float threshold) {
-  Scene scene;
-  Bitmap& upper = scene.bitmaps.emplace_back(map);
-  for (Rgb& c : upper.pixels) c = positive(c) - rest_of(c, threshold);
-  Emitter& e = scene.emitters.emplace_back(emitter);
-  e.bitmap = 0;
-  concentrated_ = std::make_unique<LightTable>(make_lights(scene));
+SkyRadiance::Source SkyRadiance::find_source(const Bitmap& map, const Emitter& emitter, double largest) const {
+  Source source;
+  source.threshold = concentration_threshold(map, largest);
+  if (source.threshold == k_infinity) return source;
   const auto width = size_t(map.width);
-  std::vector<Vec3> directions;  // of what is not black: few texels
+  std::vector<Vec3> directions;  // of what is above: few texels
   DVec3 sum(0.0);
-  for (size_t i = 0; i < upper.pixels.size(); ++i) {
-    const float light = luminance(upper.pixels[i]);
+  for (size_t i = 0; i < map.pixels.size(); ++i) {
+    const Rgb c = positive(map.pixels[i]), above = c - rest_of(c, source.threshold);
+    const float light = luminance(above);
     if (!(light > 0.0f)) continue;
     directions.push_back(map_direction(emitter, map, float(i % width), float(i / width)));
     const double weight = row_weight(int(i / width), map.height) / (2.0 * double(width));
     sum += DVec3(directions.back()) * double(light);
-    power_ += weight * double(luminance(upper.pixels[i] * emitter.value));
+    source.power += weight * double(luminance(above * emitter.value));
   }
-  if (!(glm::length(sum) > 0.0)) return;
-  axis_ = Vec3(glm::normalize(sum));
+  if (!(glm::length(sum) > 0.0)) return source;
+  source.axis = Vec3(glm::normalize(sum));
   float farthest = 0.0f;  // chord to a texel
-  for (const Vec3& d : directions) farthest = std::max(farthest, glm::length(d - axis_));
+  for (const Vec3& d : directions) farthest = std::max(farthest, glm::length(d - source.axis));
   // Between texels the light falls to 0 over one more.
   const float texel = 2.0f * k_pi * (1.0f / float(map.width) + 0.5f / float(map.height - 1));
-  angle_ = std::min(2.0f * std::asin(std::min(0.5f * farthest, 1.0f)) + texel, k_pi);
+  source.angle = std::min(2.0f * std::asin(std::min(0.5f * farthest, 1.0f)) + texel, k_pi);
+  return source;
+}
+
+float SkyRadiance::cut_out(const Bitmap& map, const Emitter& emitter, double largest) {
+  Source source = find_source(map, emitter, largest);
+  if (source.threshold < k_infinity && source.angle > k_widest_source && largest > k_concentrated_share)
+    source = find_source(map, emitter, k_concentrated_share);
+  if (source.threshold == k_infinity) return k_infinity;
+  Scene scene;
+  Bitmap& upper = scene.bitmaps.emplace_back(map);
+  for (Rgb& c : upper.pixels) c = positive(c) - rest_of(c, source.threshold);
+  Emitter& e = scene.emitters.emplace_back(emitter);
+  e.bitmap = 0;
+  concentrated_ = std::make_unique<LightTable>(make_lights(scene));
+  power_ += source.power;
+  axis_ = source.axis, angle_ = source.angle;
+  return source.threshold;
 }
 
 // Adds samples all over the map to the cells of the fine grid. Samples of a row are shifted along their columns, in
 // k_phases groups: else all cells along a horizon had the same rows, the next ones others, and a row on the border
 // between two would be all of one's.
-void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter) {
+void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter, double largest) {
   const Bitmap& map = scene.bitmaps[emitter.bitmap];
-  const float threshold = concentration_threshold(map);
-  if (threshold < k_infinity) cut_out(map, emitter, threshold);
+  const float threshold = cut_out(map, emitter, largest);
   constexpr size_t k_cells = size_t(k_fine_cells) * size_t(k_fine_cells);
   // About as dense along columns as along rows, whatever the map's shape: every cell has samples.
   const double wanted_rows = std::sqrt(0.5 * k_fine_samples * double(k_cells));

@@ -11,7 +11,7 @@ namespace fieldtrace {
 namespace {
 
 // Voxels along each axis of [-1, 1]^3, and main directions of normals.
-constexpr int k_voxels = 32, k_faces = 6;  // the former a power of two
+constexpr int k_voxels = 16, k_faces = 6;  // the former a power of two
 // Surfaces that a line meets at most; in units of the ball's radius, how far beyond one it goes on.
 constexpr int k_most_layers = 8;
 constexpr float k_beyond = 1e-4f;

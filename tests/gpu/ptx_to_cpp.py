@@ -72,6 +72,10 @@ def elements(operand):
     return [e.strip() for e in operand[1:-1].split(",")] if operand.startswith("{") else [operand]
 
 
+# What a half of a register goes to that is not wanted, in a block of its own.
+UNWANTED_HALF = re.compile(r"\{\s*\.reg\s+\.b32\s+tmp;\s*(mov\.b64\s+\{[^}]*\}[^;]*;)\s*\}")
+
+
 class Kernel:
     def __init__(self, name, parameters, body):
         self.name = name
@@ -82,6 +86,9 @@ class Kernel:
         self.parameter, self.parameter_bytes = match.group(2), int(match.group(3))
         self.registers, self.local_bytes, self.local_name = {}, 0, None
         self.lines = []  # Instruction or label
+        body, blocks = UNWANTED_HALF.subn(lambda m: re.sub(r"\btmp\b", "%unwanted", m.group(1)), body)
+        if blocks:
+            self.registers["%unwanted"] = "b32"
         for statement in statements(body):
             self.add(statement)
         self.refusals = []

@@ -103,6 +103,7 @@ $L1:
         for instruction in ["add.rn.f32 %f1, %f2, 0f3F800000", "div.rn.f64 %fd1, %fd2, %fd3", "mad.lo.s32 %r1, %r2, 3, %r4",
                             "mad.wide.u32 %rd1, %r2, 4, %rd3", "@!%p1 mov.u32 %r1, %tid.x", "@%p1 bra $L1;\n$L1:",
                             "setp.gtu.f32 %p1, %f1, 0f80000000", "cvt.rzi.s32.f32 %r1, %f2", "mov.b64 {%r1, %r2}, %rd1",
+                            "{ .reg .b32 tmp; mov.b64 {tmp, %r1}, %rd1; }\n\tmov.u32 %r2, 1",
                             "ld.global.nc.v2.f32 {%f1, %f2}, [%rd1+-8]", "shf.l.wrap.b32 %r1, %r2, %r3, 7",
                             "vote.sync.ballot.b32 %r1, %p2, -1", "shfl.sync.bfly.b32 %r1|%p1, %r2, 16, 31, -1"]:
             self.assertEqual(refusals(f"\t{instruction};"), [], instruction)

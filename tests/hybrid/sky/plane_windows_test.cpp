@@ -104,8 +104,17 @@ TEST(PlaneWindows, AreNoneWhereWallsStandAtTheEdges) {
 TEST(PlaneWindows, DoNotEndAtScreens) {
   House house(5);
   for (const float side : {-1.0f, 1.0f}) house.wall({0, 3 * side}, {2, 0}, 0.0f, 2.5f);
-  for (const float at : {0.1f, 0.11f, 0.12f}) house.wall({0.5f, at}, {0.9f, 0}, 0.0f, 2.0f);
+  for (const float at : {0.1f, 0.11f, 0.12f}) house.wall({0.5f, at}, {0.4f, 0}, 0.0f, 2.0f);
   expect_window(house.windows_about({0.3f, 1.0f}), {-2, -3}, {2, 3});
+}
+
+// Whose light one side of it sees, the other does not.
+TEST(PlaneWindows, EndAtWallsThatStandFree) {
+  House house(2);
+  house.scene.instances.resize(1);
+  house.wall({1, 2}, {8, 0}, 0.0f, 4.0f);
+  expect_window(house.windows_about({0, 9}), {-25, 2}, {25, 25});
+  expect_window(house.windows_about({3, -4}), {-25, -25}, {25, 2});
 }
 
 TEST(PlaneWindows, EndAtBoxes) {

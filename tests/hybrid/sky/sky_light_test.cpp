@@ -3,13 +3,16 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 
 #include "core/io/scratch_folder.h"
 #include "core/mesh/mesh_procedural.h"
 #include "core/mesh/mesh_stress.h"
 #include "hybrid/render/render.h"
+#include "hybrid/render/sky_stage.h"
 #include "hybrid/sky/parallelogram.h"
 #include "hybrid/sky/sky_maps.h"
+#include "hybrid/sky/sky_radiance.h"
 #include "tests/support/small_scenes.h"
 
 namespace fieldtrace {
@@ -688,6 +691,17 @@ TEST(SkyLight, OfRectanglesInOnePlaneIsNearMonteCarlo) {
     squares += error * error;
   }
   EXPECT_LT(std::sqrt(squares / double(k_size * k_size)), k_object_error);
+}
+
+// The more samples and the fewer cells, the broader suns are sampled as lights.
+TEST(SkyLight, BroadSourcesAreCutOutForManySamplesAndFewCells) {
+  EXPECT_EQ(largest_source(1, 8), k_concentrated_share);
+  EXPECT_EQ(largest_source(4, 8), 4.0 * k_concentrated_share);
+  EXPECT_EQ(largest_source(1, 64), k_concentrated_share);
+  EXPECT_EQ(largest_source(16, 16), 4.0 * k_concentrated_share);
+  EXPECT_EQ(largest_source(64, 32), 4.0 * k_concentrated_share);
+  EXPECT_EQ(largest_source(1000, 16), 8.0 * k_concentrated_share);
+  EXPECT_EQ(largest_source(std::numeric_limits<uint64_t>::max(), 32), 8.0 * k_concentrated_share);
 }
 
 // The fewer samples and pixels, the fewer directions.
