@@ -118,7 +118,7 @@ SkyRadiance::SkyRadiance(const Scene& scene, double largest) {
   share_ = float(power_ / (power_ + rest));
 }
 
-SkyRadiance::Source SkyRadiance::find_source(const Bitmap& map, const Emitter& emitter, double largest) const {
+SkyRadiance::Source SkyRadiance::find_source(const Bitmap& map, const Emitter& emitter, double largest) {
   Source source;
   source.threshold = concentration_threshold(map, largest);
   if (source.threshold == k_infinity) return source;

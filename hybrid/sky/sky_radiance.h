@@ -75,7 +75,7 @@ class SkyRadiance {
     Vec3 axis = Vec3(0.0f, 0.0f, 1.0f);
     float angle = k_pi;
   };
-  Source find_source(const Bitmap& map, const Emitter& emitter, double largest) const;
+  static Source find_source(const Bitmap& map, const Emitter& emitter, double largest);
   void add_map(const Scene& scene, const Emitter& emitter, double largest);
   // Returns the luminance above which light was cut out; infinite: none was.
   float cut_out(const Bitmap& map, const Emitter& emitter, double largest);
