@@ -21,9 +21,6 @@ constexpr double k_fine_samples = 16;  // of a map in each fine cell, in the mea
 constexpr size_t k_bands = 16;         // of a map's rows: sums are those of the bands in order, whatever the threads
 // What is cut out carries more of the map's power than this.
 constexpr double k_concentrated_power = 0.05;
-// The half angle of the widest cone, radians, in which a source counts that covers more than k_concentrated_share:
-// something hides a part of a bright horizon nearly everywhere.
-constexpr float k_widest_source = 1.0f;
 
 Rgb positive(const Rgb& c) { return glm::max(c, Rgb(0.0f)); }
 
@@ -118,46 +115,31 @@ SkyRadiance::SkyRadiance(const Scene& scene, double largest) {
   share_ = float(power_ / (power_ + rest));
 }
 
-SkyRadiance::Source SkyRadiance::find_source(const Bitmap& map, const Emitter& emitter, double largest) {
-  Source source;
-  source.threshold = concentration_threshold(map, largest);
-  if (source.threshold == k_infinity) return source;
+void SkyRadiance::cut_out(const Bitmap& map, const Emitter& emitter, float threshold) {
+  Scene scene;
+  Bitmap& upper = scene.bitmaps.emplace_back(map);
+  for (Rgb& c : upper.pixels) c = positive(c) - rest_of(c, threshold);
+  Emitter& e = scene.emitters.emplace_back(emitter);
+  e.bitmap = 0;
+  concentrated_ = std::make_unique<LightTable>(make_lights(scene));
   const auto width = size_t(map.width);
-  std::vector<Vec3> directions;  // of what is above: few texels
+  std::vector<Vec3> directions;  // of what is not black: few texels
   DVec3 sum(0.0);
-  for (size_t i = 0; i < map.pixels.size(); ++i) {
-    const Rgb c = positive(map.pixels[i]), above = c - rest_of(c, source.threshold);
-    const float light = luminance(above);
+  for (size_t i = 0; i < upper.pixels.size(); ++i) {
+    const float light = luminance(upper.pixels[i]);
     if (!(light > 0.0f)) continue;
     directions.push_back(map_direction(emitter, map, float(i % width), float(i / width)));
     const double weight = row_weight(int(i / width), map.height) / (2.0 * double(width));
     sum += DVec3(directions.back()) * double(light);
-    source.power += weight * double(luminance(above * emitter.value));
+    power_ += weight * double(luminance(upper.pixels[i] * emitter.value));
   }
-  if (!(glm::length(sum) > 0.0)) return source;
-  source.axis = Vec3(glm::normalize(sum));
+  if (!(glm::length(sum) > 0.0)) return;
+  axis_ = Vec3(glm::normalize(sum));
   float farthest = 0.0f;  // chord to a texel
-  for (const Vec3& d : directions) farthest = std::max(farthest, glm::length(d - source.axis));
+  for (const Vec3& d : directions) farthest = std::max(farthest, glm::length(d - axis_));
   // Between texels the light falls to 0 over one more.
   const float texel = 2.0f * k_pi * (1.0f / float(map.width) + 0.5f / float(map.height - 1));
-  source.angle = std::min(2.0f * std::asin(std::min(0.5f * farthest, 1.0f)) + texel, k_pi);
-  return source;
-}
-
-float SkyRadiance::cut_out(const Bitmap& map, const Emitter& emitter, double largest) {
-  Source source = find_source(map, emitter, largest);
-  if (source.threshold < k_infinity && source.angle > k_widest_source && largest > k_concentrated_share)
-    source = find_source(map, emitter, k_concentrated_share);
-  if (source.threshold == k_infinity) return k_infinity;
-  Scene scene;
-  Bitmap& upper = scene.bitmaps.emplace_back(map);
-  for (Rgb& c : upper.pixels) c = positive(c) - rest_of(c, source.threshold);
-  Emitter& e = scene.emitters.emplace_back(emitter);
-  e.bitmap = 0;
-  concentrated_ = std::make_unique<LightTable>(make_lights(scene));
-  power_ += source.power;
-  axis_ = source.axis, angle_ = source.angle;
-  return source.threshold;
+  angle_ = std::min(2.0f * std::asin(std::min(0.5f * farthest, 1.0f)) + texel, k_pi);
 }
 
 // Adds samples all over the map to the cells of the fine grid. Samples of a row are shifted along their columns, in
@@ -165,7 +147,8 @@ float SkyRadiance::cut_out(const Bitmap& map, const Emitter& emitter, double lar
 // between two would be all of one's.
 void SkyRadiance::add_map(const Scene& scene, const Emitter& emitter, double largest) {
   const Bitmap& map = scene.bitmaps[emitter.bitmap];
-  const float threshold = cut_out(map, emitter, largest);
+  const float threshold = concentration_threshold(map, largest);
+  if (threshold < k_infinity) cut_out(map, emitter, threshold);
   constexpr size_t k_cells = size_t(k_fine_cells) * size_t(k_fine_cells);
   // About as dense along columns as along rows, whatever the map's shape: every cell has samples.
   const double wanted_rows = std::sqrt(0.5 * k_fine_samples * double(k_cells));

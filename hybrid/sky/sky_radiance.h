@@ -45,8 +45,8 @@ inline constexpr double k_concentrated_share = 1.0 / 512.0;
 
 class SkyRadiance {
  public:
-  // `largest`: what is cut out covers less of the sphere, if it does not lie all around. Unchecked: the caller
-  // guarantees a scene that make_lights() accepts.
+  // `largest`: what is cut out covers less of the sphere. Unchecked: the caller guarantees a scene that make_lights()
+  // accepts.
   explicit SkyRadiance(const Scene& scene, double largest = k_concentrated_share);
 
   // The cells of a grid whose axes are the columns of `grid`, a rotation that may mirror. Those whose light varies are
@@ -68,17 +68,8 @@ class SkyRadiance {
   float concentrated_share() const { return share_; }
 
  private:
-  // What a map has above a luminance; infinite: nothing is concentrated.
-  struct Source {
-    float threshold = k_infinity;
-    double power = 0.0;  // mean luminance over the sphere
-    Vec3 axis = Vec3(0.0f, 0.0f, 1.0f);
-    float angle = k_pi;
-  };
-  static Source find_source(const Bitmap& map, const Emitter& emitter, double largest);
   void add_map(const Scene& scene, const Emitter& emitter, double largest);
-  // Returns the luminance above which light was cut out; infinite: none was.
-  float cut_out(const Bitmap& map, const Emitter& emitter, double largest);
+  void cut_out(const Bitmap& map, const Emitter& emitter, float threshold);
   std::vector<Rgb> make_table(float grazing) const;
   bool varies(const Mat3& grid, const SkyCell& cell) const;
   void add_cell(const Mat3& grid, const SkyCell& cell, SkyCells& cells) const;

@@ -29,7 +29,7 @@ void expect_near_representatives(const Surfels& surfels, float apart) {
     EXPECT_LE(glm::distance(own.spot.position, other.spot.position), apart);
     facing += glm::dot(own.normal, other.normal) > 0.0f;  // the main axes of their normals are the same
   }
-  // Voxels are as wide as a knot's tube is thick: over an edge normals may turn by more than a right angle.
+  // Two voxels are as wide as the knot's tube is thick: about it normals may turn by more than a right angle.
   EXPECT_GT(double(facing), 0.98 * double(surfels.points.size()));
   EXPECT_LT(double(shaded), 0.4 * double(surfels.points.size()));
 }
