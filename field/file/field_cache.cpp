@@ -152,6 +152,7 @@ auto FieldCache::load_whole(const FieldIdentity& identity, const Load& load)
   mark_used(identity);
   try {
     return load(path);
+  } catch (const MissingFieldFile&) {  // another process has removed it since, to keep the folder's limit
   } catch (const FieldFileError& e) {
     tell_unusable(path, e.reason(), Tell::always);
   } catch (const std::bad_alloc&) {

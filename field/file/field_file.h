@@ -49,6 +49,11 @@ class FieldFileError : public Error {
   std::string reason_;
 };
 
+class MissingFieldFile : public FieldFileError {
+ public:
+  explicit MissingFieldFile(const std::string& path) : FieldFileError(path, "there is no such file") {}
+};
+
 struct FieldFileHeader {
   FieldIdentity identity;
   Sphere ball;  // object space

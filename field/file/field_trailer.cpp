@@ -68,17 +68,17 @@ std::optional<int> trailer_version(const std::string& path) {
 }
 
 std::string read_checked(const std::string& path) {
-  std::error_code failed;
   if (is_special_file(path)) throw FieldFileError(path, k_special_file_message);
-  if (!std::filesystem::is_regular_file(path, failed)) throw FieldFileError(path, "there is no such file");
-  const uint64_t size = std::filesystem::file_size(path, failed);
-  if (failed) throw FieldFileError(path, "cannot be read: " + failed.message());  // removed meanwhile, say
+  std::ifstream in(path, std::ios::binary | std::ios::ate);
+  if (!in && errno == ENOENT) throw MissingFieldFile(path);
+  if (!in) throw FieldFileError(path, std::string("cannot be read: ") + std::strerror(errno));
+  std::error_code failed;
+  if (std::filesystem::is_directory(path, failed)) throw FieldFileError(path, "is a folder");
+  const auto size = uint64_t(in.tellg());
   if (size > machine_memory_bytes()) {
     throw FieldFileError(path, "is larger than the memory of this machine");
   }
-  std::ifstream in(path, std::ios::binary | std::ios::ate);
-  if (!in) throw FieldFileError(path, std::string("cannot be read: ") + std::strerror(errno));
-  std::string contents(size_t(in.tellg()), '\0');
+  std::string contents(size, '\0');
   in.seekg(0);
   in.read(contents.data(), std::streamsize(contents.size()));
   if (!in) throw FieldFileError(path, "cannot be read to its end");

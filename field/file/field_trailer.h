@@ -12,8 +12,8 @@ namespace fieldtrace {
 // Appends the trailer to a complete file. Throws Error naming `name` if it cannot be read or written.
 void append_trailer(const std::string& path, const std::string& name);
 
-// The contents of a file without its trailer. Throws FieldFileError if the file cannot be read or the trailer is
-// missing, of another format version, or does not fit.
+// The contents of a file without its trailer. Throws MissingFieldFile if there is none, FieldFileError if it cannot be
+// read or the trailer is missing, of another format version, or does not fit.
 std::string read_checked(const std::string& path);
 
 // The version byte of a file that ends in a trailer for its size; the rest is not read. Nothing for other files.

@@ -422,6 +422,25 @@ TEST_F(LimitedCache, OfManyWhoStoreAndTrimAtOnceNoneFails) {
   EXPECT_GT(bytes, 0u);
 }
 
+// As trimming does between the moment that a file is found and the one that it is opened.
+TEST_F(LimitedCache, AFileRemovedBeforeItIsOpenedIsNone) {
+  const std::string path = add(1, 5), kept = folder_ / "kept.vdb", next = folder_ / "next.vdb";
+  fs::copy_file(path, kept);
+  std::atomic<bool> stop = false;
+  std::thread other([&] {
+    while (!stop) {
+      fs::remove(path);
+      fs::copy_file(kept, next, fs::copy_options::overwrite_existing);
+      fs::rename(next, path);
+    }
+  });
+  Field field = make_field();
+  for (int i = 0; i < 2000; ++i) FieldCache(folder_.path(), warnings_.sink()).load(field, identity_of(1));
+  stop = true;
+  other.join();
+  EXPECT_TRUE(warnings_.lines.empty()) << warnings_.lines[0];
+}
+
 // ---- little memory
 
 // The file would shrink if one that does not fit into memory counted as one that cannot be used.
