@@ -60,16 +60,17 @@ SkyRequest sky_request(const Picture& picture, Stage& stage, bool wants_bounces,
     const bool suits = admits_maps(o) && (o.at_any_cost() || !survey.is_enclosed());
     const double known = request.bounce_rays > 0 ? survey.share_of_met_next(request.sends) : 0.0;
     std::optional<LightNoise>& noise = stage.light_noise;
+    // A camera ray that meets nothing takes half of another's time; maps answer one light sample or many in the same.
+    const double by_rays = 0.5 * (1.0 + survey.met) * samples + with_paths,
+                 by_maps = by_rays - survey.diffuse * (lights - samples);
     // The rays that maps may cost if they know such a share of what objects send on: as many as they spare.
     const auto worth = [&](double share) {
       if (!is_lit) return double(k_usual_maps_gain) * with_paths;  // a lamp's own noise stays
       if (!noise && (!o.at_any_cost() || picture.adapts_light_samples()))
-        noise.emplace(picture_survey(picture, stage, 1), stats);
+        noise.emplace(picture_survey(picture, stage, picture.survey_samples()), stats);
       const LightNoise::Without without = noise ? noise->without(share) : LightNoise::Without();
-      // Maps answer one sample or many in the same time.
-      const double by_maps = samples + with_paths - survey.diffuse * (lights - samples);
       const double gain = o.at_any_cost() ? LightNoise::most_gain() : without.gain;
-      return std::max(gain * (samples + with_paths) - k_time_by_maps * by_maps, 0.0);
+      return std::max(gain * by_rays - k_time_by_maps * by_maps, 0.0);
     };
     if (suits && request.bounce_rays > 0 && with_paths > 0.0) {
       const double all = worth(known), bounces = double(request.bounce_rays);
@@ -80,7 +81,15 @@ SkyRequest sky_request(const Picture& picture, Stage& stage, bool wants_bounces,
     }
     if (suits) request.light_rays = whole_rays(request.bounces ? to_sky + known * (with_paths - to_sky) : to_sky);
     if (request.light_rays > 0 && !request.bounces) request.light_cost = whole_rays(worth(0.0));
-    if (noise) request.noise_left = noise->without(request.bounces ? known : 0.0).share;
+    if (noise) {
+      const double share = request.bounces ? known : 0.0;
+      request.noise_left = noise->without(share).share;
+      if (!o.at_any_cost() && !picture.by_rounds()) {
+        const double points = survey.diffuse * samples / double(picture.spp);
+        request.frame = {by_rays, points * double(scene.instances.size()), noise->left_of(share, picture.spp),
+                         (1.0 - survey.open) * noise->light()};
+      }
+    }
     if (request.light_cost == 0) request.light_rays = 0;
     request.seen = survey.seen;
   }

@@ -24,9 +24,13 @@ constexpr uint64_t k_occlusion_maps_gain = 8;
 // Sources that cover more of the sphere are never sampled as lights of their own.
 constexpr double k_most_concentrated_share = 1.0 / 64.0;
 constexpr int k_fewest_directions = 8, k_usual_directions = 32, k_fine_directions = 64;
+constexpr double k_lines_a_ray = 2.0;    // that maps bake in its time
+constexpr int k_texels_a_direction = 4;  // along each side of a map, at most
 // In pictures of fewer light samples a pixel the errors of the least maps in crowds, and of coarse ones, hardly show
 // beside the noise.
 constexpr uint64_t k_few_samples = 4, k_coarse_samples = 8;
+// From so many on the errors of coarse maps would show beside a small object's noise, whatever the picture's.
+constexpr uint64_t k_many_samples = 128;
 // Tolerances, in units of the default, from which maps are coarse and up to which they are fine.
 constexpr float k_coarse_tolerance = 3.0f, k_fine_tolerance = 0.3f;
 // Light samples a pixel below which the default tolerance rises in proportion, and how far: few rays err more than
@@ -63,15 +67,17 @@ int wanted_directions(bool crowd, float given, uint64_t samples) {
   return given <= k_fine_tolerance ? k_fine_directions : k_usual_directions;
 }
 
-// D = 0: none is affordable. `cost`: what maps may cost, in rays; `fine_cost`: those of more than k_coarse_directions.
-MapSize choose_size(size_t shapes, int directions, int least, uint64_t cost, uint64_t fine_cost, uint64_t most_bytes) {
-  MapSize size;
-  size.directions = directions;
+// The coarsest maps, of pictures with much noise, have coarser texels as well.
+MapSize map_size(int directions) { return {directions, std::min(k_texels_a_direction * directions, MapSize().texels)}; }
+
+// D = 0: none is affordable. `may_cost(size)`: lines that maps may cost.
+template <class MayCost>
+MapSize choose_size(size_t shapes, int directions, int least, const MayCost& may_cost, uint64_t most_bytes) {
+  MapSize size = map_size(directions);
   const auto fits = [&] {
-    const uint64_t most = size.directions <= k_coarse_directions ? cost : std::min(cost, fine_cost);
-    return size.lines() * shapes <= most && DirectionMaps::bytes_of(size) * shapes <= most_bytes;
+    return double(size.lines() * shapes) <= may_cost(size) && DirectionMaps::bytes_of(size) * shapes <= most_bytes;
   };
-  while (size.directions > least && !fits()) size.directions /= 2;
+  while (size.directions > least && !fits()) size = map_size(size.directions / 2);
   if (!fits()) size.directions = 0;
   return size;
 }
@@ -163,35 +169,45 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
   const uint64_t instances = crowd ? instances_in_view(scene) : 0;
   // Each sample sends one to the sky and one from the material.
   const uint64_t most_crowd_rays = 2 * k_most_crowd_samples * uint64_t(scene.film.width) * uint64_t(scene.film.height);
-  const auto choose = [&](uint64_t rays, bool coarse, uint64_t cost) {
+  const bool is_foretold = request.frame && !crowd && request.samples < k_many_samples;
+  const FrameByMaps* const frame = is_foretold ? &*request.frame : nullptr;
+  const auto choose = [&](uint64_t rays, bool coarse, uint64_t cost, const FrameByMaps* foretold) {
     if (rays == 0) return MapSize{0, 0};
     if (by_request) cost = rays = std::numeric_limits<uint64_t>::max() / k_usual_maps_gain;
     if (!by_request && std::min(rays, most_crowd_rays) < k_crowd_rays * instances) return MapSize{0, 0};
-    int directions = wanted_directions(crowd, given, request.samples);
+    // Where something is foretold, the number of samples tells nothing more.
+    const uint64_t samples = foretold ? std::numeric_limits<uint64_t>::max() : request.samples;
+    int directions = wanted_directions(crowd, given, samples);
     if (coarse) directions = std::min(directions, k_coarse_directions);
-    // Surfels ask for all cells, and planes have four times as many beside usual maps: these are finer where that takes
-    // less than half of the time.
-    const auto shading_rays = [&] {
-      const uint64_t finer = uint64_t(directions) / uint64_t(k_coarse_directions),
-                     of_planes = std::min(finer, uint64_t(2));
-      return request.bounce_rays * finer * finer * of_planes * of_planes;
+    // Surfels ask for all cells, and planes have four times as many of them beside usual maps.
+    const auto shading_rays = [&](int d) {
+      const double finer = double(d) / double(k_coarse_directions), of_planes = std::clamp(finer, 1.0, 2.0);
+      return request.bounces ? double(request.bounce_rays) * finer * finer * of_planes * of_planes : 0.0;
     };
-    while (request.bounces && directions > k_coarse_directions && shading_rays() > rays / 2) {
+    // Else shading may take half of the time, and maps of usual directions twice as long as rays would.
+    while (!foretold && directions > k_coarse_directions && shading_rays(directions) > 0.5 * double(rays)) {
       directions /= 2;
     }
-    return choose_size(shapes.size(), directions, least_directions(given, request.samples), cost,
-                       k_usual_maps_gain * rays, request.most_bytes);
+    const int least = foretold && given >= 1.0f ? k_fewest_directions : least_directions(given, request.samples);
+    const auto may_cost = [&](const MapSize& size) {
+      if (foretold && size.directions > least) {
+        const double more = foretold->worth_of_finer(size.directions, given) - shading_rays(size.directions);
+        return std::min(double(cost), k_lines_a_ray * more);
+      }
+      return double(size.directions <= k_coarse_directions ? cost : std::min(cost, k_usual_maps_gain * rays));
+    };
+    return choose_size(shapes.size(), directions, least, may_cost, request.most_bytes);
   };
   // The layer must not change the picture, and uses its maps where there are any.
-  MapSize size = choose(request.light_rays, request.coarse, request.light_cost);
+  MapSize size = choose(request.light_rays, request.coarse, request.light_cost, frame);
   const bool for_light = size.directions > 0;
   // Within less than an object's radius rays are cheap and their noise is low.
   const bool is_far = by_request || request.occlusion_distance >= median_radius(scene, mapped);
   const uint64_t occlusion_rays = is_far ? request.occlusion_rays : 0;
-  if (!for_light) size = choose(occlusion_rays, /*coarse=*/false, k_occlusion_maps_gain * occlusion_rays);
+  if (!for_light) size = choose(occlusion_rays, /*coarse=*/false, k_occlusion_maps_gain * occlusion_rays, nullptr);
   if (size.directions == 0) return stage;
   const bool can_be_finer =
-      for_light && size.directions < choose(request.light_rays, /*coarse=*/false, request.light_cost).directions;
+      for_light && size.directions < choose(request.light_rays, /*coarse=*/false, request.light_cost, frame).directions;
   if (crowd && !by_request && !suits_maps(scene, accel, traits, mapped, callbacks.stop)) return stage;
   MapSource source{scene, accel, shapes.empty() ? nullptr : cache(), callbacks, stats, size, options.if_unkept};
   std::optional<SkyRadiance> light;

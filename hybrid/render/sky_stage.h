@@ -12,6 +12,7 @@
 #include "field/file/field_cache.h"
 #include "hybrid/render/render.h"
 #include "hybrid/sky/sky.h"
+#include "hybrid/survey/frame_by_maps.h"
 
 namespace fieldtrace {
 
@@ -37,6 +38,7 @@ struct SkyRequest {
   uint64_t light_rays = 0, occlusion_rays = 0;
   uint64_t light_cost = 0;                // rays that maps for light may cost at most
   std::optional<double> noise_left;       // SkyStage's
+  std::optional<FrameByMaps> frame;       // by maps for light; none: not surveyed
   float occlusion_distance = k_infinity;  // of the layer `ao`
   // Light samples of a pixel; the most that there may be where their number tells nothing of the noise.
   uint64_t samples = 0;

@@ -8,6 +8,8 @@ namespace {
 
 // Maps and what they leave to rays leave this share of the noise at least.
 constexpr double k_least_noise_left = 0.02;
+// Of all noise, what rays to undecided cells leave.
+constexpr double k_noise_by_maps = 0.0005;
 // A pixel's filter where all samples are at its centre.
 constexpr float k_centre_radius = 1e-3f;
 // Paths of a surface and a light.
@@ -19,7 +21,7 @@ NoiseSurvey survey_with_one_light_sample(const PictureSurvey& picture, const Cam
   TransportSettings settings = picture.settings;
   settings.max_depth = depth;
   settings.light_samples = settings.open_light_samples = 1;
-  return survey_few(picture, camera, film, settings, stats);
+  return survey_few(picture, camera, film, settings, SurveySpread::one_of_each, stats);
 }
 
 NoiseSurvey survey_centres(const PictureSurvey& picture, int depth, Stats& stats) {
@@ -44,6 +46,16 @@ double noise_of_difference(const NoiseSurvey& all, const NoiseSurvey& part, Erro
   return sum / double(std::max<size_t>(all.sums.size(), 1));
 }
 
+// Of what is noisy: two sequences multiplied.
+double noiseless_square(const NoiseSurvey& survey, ErrorMeasure measure) {
+  double sum = 0.0;
+  for (const SequencePair& pair : survey.sums) {
+    const DVec3 a = pair[0].mean(), b = pair[1].mean();
+    if (a != b) sum += weighted_square(a * b, 0.5 * (a + b), measure);
+  }
+  return std::max(sum, 0.0) / double(std::max<size_t>(survey.sums.size(), 1));
+}
+
 // A mean square falls as samples^-k_edge_decay.
 double gain_of(double left) { return std::pow(std::max(left, k_least_noise_left), -1.0 / k_edge_decay); }
 
@@ -59,17 +71,27 @@ LightNoise::LightNoise(const PictureSurvey& picture, Stats& stats) : picture_(pi
   all_ = mean_square(survey_with_one_light_sample(picture, picture.scene.camera, picture.scene.film, depth, stats));
   if (!(all_ > 0.0)) return;
   const NoiseSurvey centres = survey_centres(picture, depth, stats);
+  light_ = noiseless_square(centres, picture.measure);
   of_light_ = of_direct_ = std::min(mean_square(centres), all_);
   if (depth >= 0 && depth <= k_direct) return;
   const double sent_on = noise_of_difference(centres, survey_centres(picture, k_direct, stats), picture.measure);
   of_direct_ = std::max(of_light_ - sent_on, 0.0);
 }
 
+double LightNoise::edges_and(double share_of_sent_on) const {
+  return all_ - of_direct_ - share_of_sent_on * (of_light_ - of_direct_);
+}
+
 LightNoise::Without LightNoise::without(double share_of_sent_on) const {
   if (!(all_ > 0.0) || !picture_.goes_on()) return {1.0, 1.0};
-  const double left = all_ - of_direct_ - share_of_sent_on * (of_light_ - of_direct_);
+  const double left = edges_and(share_of_sent_on);
   const double of_picture = all_ - of_direct_ * (1.0 - 1.0 / double(picture_.settings.light_samples));
   return {of_picture > left ? gain_of(left / of_picture) : 1.0, std::max(left / all_, k_least_noise_left)};
+}
+
+double LightNoise::left_of(double share_of_sent_on, double samples) const {
+  const double edges = std::max(edges_and(share_of_sent_on), 0.0);
+  return edges / std::pow(samples, k_edge_decay) + k_noise_by_maps * all_ / samples;
 }
 
 }  // namespace fieldtrace

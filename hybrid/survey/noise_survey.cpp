@@ -106,14 +106,15 @@ uint32_t few_samples_of(double pixels, int samples) {
 }
 
 NoiseSurvey survey_few(const PictureSurvey& picture, const Camera& camera, const Film& film, TransportSettings settings,
-                       Stats& stats) {
+                       SurveySpread spread, Stats& stats) {
   const CameraSampler sampler(camera, film);
   settings.first_hits = false;
   settings.seed = 0;  // what surveys decide does not depend on the picture's
   const RayContext rays(picture.scene, picture.accel, picture.traits, sampler, settings, picture.lights, false);
-  NoiseSurvey survey = {survey_pixels(picture.window, settings.seed, k_few_samples_pixels)};
-  if (!trace_survey(rays.context(), picture.samples, k_few_samples_replicates, picture.goes_on, survey, stats))
-    return {};
+  const uint32_t samples = spread == SurveySpread::few_pixels ? picture.samples : 1;
+  const double pixels = k_few_samples_pixels * double(picture.samples / samples);
+  NoiseSurvey survey = {survey_pixels(picture.window, settings.seed, pixels)};
+  if (!trace_survey(rays.context(), samples, k_few_samples_replicates, picture.goes_on, survey, stats)) return {};
   return survey;
 }
 

@@ -59,14 +59,17 @@ struct PictureSurvey {
   const std::shared_ptr<const LightTable>& lights;
   const TransportSettings& settings;  // of the picture
   Rect window;
-  uint32_t samples = 1;  // few_samples_of() the picture
+  uint32_t samples = 1;  // few_samples_of() the picture: of each pixel, or one of as many times the pixels
   ErrorMeasure measure = ErrorMeasure::absolute;
   GoesOn goes_on = [] { return true; };
 };
 
-// `picture.samples` samples of about a thousand pixels by rays with `settings`, seen by `camera` on `film`. Whatever
-// the seed of `settings`, the samples are the same. No pixels if goes_on() became false meanwhile.
+// How the samples of a survey lie: all in about a thousand pixels, or one in each of more.
+enum class SurveySpread : uint8_t { few_pixels, one_of_each };
+
+// The picture's survey by rays with `settings`, seen by `camera` on `film`. Whatever the seed of `settings`, the
+// samples are the same. No pixels if goes_on() became false meanwhile.
 NoiseSurvey survey_few(const PictureSurvey& picture, const Camera& camera, const Film& film, TransportSettings settings,
-                       Stats& stats);
+                       SurveySpread spread, Stats& stats);
 
 }  // namespace fieldtrace

@@ -27,8 +27,9 @@ NoiseByLightSamples noise_by_light_samples(const PictureSurvey& picture, Stats& 
   const int few = settings.light_samples, many = std::min(few * k_most_open_samples / 2, k_most_open_samples);
   const auto of = [&](int n) {
     settings.open_light_samples = n;
-    return noise_of(survey_few(picture, picture.scene.camera, picture.scene.film, settings, stats), picture.measure,
-                    1.0);
+    const NoiseSurvey survey =
+        survey_few(picture, picture.scene.camera, picture.scene.film, settings, SurveySpread::few_pixels, stats);
+    return noise_of(survey, picture.measure, 1.0);
   };
   if (2 * few > k_most_open_samples) return {};
   const NoiseForecast with_few = of(few), with_many = of(many);

@@ -716,7 +716,10 @@ TEST(SkyLight, FewSamplesHaveTheLeastMaps) {
   };
   EXPECT_EQ(directions(1024, 1), 8);
   EXPECT_EQ(directions(1024, 4), 16);
-  EXPECT_EQ(directions(1024, 8), 32);
+  EXPECT_EQ(directions(1024, 8), 16);
+  EXPECT_EQ(directions(1024, 127), 32);
+  EXPECT_EQ(directions(192, 16), 16);
+  EXPECT_EQ(directions(192, 128), 32);
   EXPECT_EQ(directions(80, 4), 8);
   EXPECT_EQ(directions(32, 4), 0);
 }
@@ -821,7 +824,7 @@ TEST_P(SkyPicture, OfLongerPathsHasMonteCarlosMean) {
   constexpr int k_size = 32;
   SkyScene s(GetParam(), k_size, k_coarse / 4);
   s.instance(s.mesh(supershape()), s.metal(0.4f), test::translation({0, 0, 1.05f}));
-  RenderOptions o = options_for(s.scene, Method::hybrid, k_size, 256, 1);
+  RenderOptions o = with_maps(options_for(s.scene, Method::hybrid, k_size, 256, 1));
   double means[2][3];  // hybrid and Monte Carlo, by depth
   for (const int depth : {2, 3}) {
     o.max_depth = depth;
