@@ -4,7 +4,6 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
-#include <filesystem>
 #include <fstream>
 
 #include "core/io/input_file.h"
@@ -69,12 +68,12 @@ std::optional<int> trailer_version(const std::string& path) {
 
 std::string read_checked(const std::string& path) {
   if (is_special_file(path)) throw FieldFileError(path, k_special_file_message);
+  if (is_folder(path)) throw FieldFileError(path, "is a folder");
   std::ifstream in(path, std::ios::binary | std::ios::ate);
   if (!in && errno == ENOENT) throw MissingFieldFile(path);
-  if (!in) throw FieldFileError(path, std::string("cannot be read: ") + std::strerror(errno));
-  std::error_code failed;
-  if (std::filesystem::is_directory(path, failed)) throw FieldFileError(path, "is a folder");
-  const auto size = uint64_t(in.tellg());
+  const std::streamoff end = in ? std::streamoff(in.tellg()) : -1;
+  if (end < 0) throw FieldFileError(path, std::string("cannot be read: ") + std::strerror(errno));
+  const auto size = uint64_t(end);
   if (size > machine_memory_bytes()) {
     throw FieldFileError(path, "is larger than the memory of this machine");
   }

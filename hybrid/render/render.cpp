@@ -86,7 +86,7 @@ SkyRequest sky_request(const Picture& picture, Stage& stage, bool wants_bounces,
       request.noise_left = noise->without(share).share;
       if (!o.at_any_cost() && !picture.by_rounds()) {
         const double points = survey.diffuse * samples / double(picture.spp);
-        request.frame = {by_rays, points * double(scene.instances.size()), noise->left_of(share, picture.spp),
+        request.frame = {by_maps, points * double(scene.instances.size()), noise->left_of(share, picture.spp),
                          (1.0 - survey.open) * noise->light()};
       }
     }

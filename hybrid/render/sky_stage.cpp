@@ -70,7 +70,7 @@ int wanted_directions(bool crowd, float given, uint64_t samples) {
 // The coarsest maps, of pictures with much noise, have coarser texels as well.
 MapSize map_size(int directions) { return {directions, std::min(k_texels_a_direction * directions, MapSize().texels)}; }
 
-// D = 0: none is affordable. `may_cost(size)`: lines that maps may cost.
+// D = 0: none is affordable. `may_cost(size)`: lines that all maps of a size may have.
 template <class MayCost>
 MapSize choose_size(size_t shapes, int directions, int least, const MayCost& may_cost, uint64_t most_bytes) {
   MapSize size = map_size(directions);
@@ -184,15 +184,17 @@ SkyStage make_sky(const Scene& scene, const Accel& accel, std::span<const ShapeT
       const double finer = double(d) / double(k_coarse_directions), of_planes = std::clamp(finer, 1.0, 2.0);
       return request.bounces ? double(request.bounce_rays) * finer * finer * of_planes * of_planes : 0.0;
     };
-    // Else shading may take half of the time, and maps of usual directions twice as long as rays would.
+    // Else shading may take half of the time, and maps of usual directions twice as many lines as rays are spared.
     while (!foretold && directions > k_coarse_directions && shading_rays(directions) > 0.5 * double(rays)) {
       directions /= 2;
     }
     const int least = foretold && given >= 1.0f ? k_fewest_directions : least_directions(given, request.samples);
     const auto may_cost = [&](const MapSize& size) {
       if (foretold && size.directions > least) {
-        const double more = foretold->worth_of_finer(size.directions, given) - shading_rays(size.directions);
-        return std::min(double(cost), k_lines_a_ray * more);
+        const int half = size.directions / 2;
+        const double shading = shading_rays(size.directions) - shading_rays(half);
+        const double more = k_lines_a_ray * (foretold->worth_of_finer(size.directions, given) - shading);
+        return std::min(double(cost), more + double(map_size(half).lines() * shapes.size()));
       }
       return double(size.directions <= k_coarse_directions ? cost : std::min(cost, k_usual_maps_gain * rays));
     };

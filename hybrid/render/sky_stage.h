@@ -27,7 +27,8 @@ struct SkyStage {
   std::optional<double> noise_left;
 };
 
-// Rays that fine maps may cost for each that they replace, and all maps without a sky.
+// Lines that fine maps may have for each ray that they replace, where no survey tells what they gain, and all maps
+// without a sky.
 inline constexpr uint64_t k_usual_maps_gain = 2, k_bounce_maps_gain = 1;
 // What a frame takes where maps answer, without their making, in Monte Carlo's time: what they gain must be more.
 inline constexpr double k_time_by_maps = 1.2;

@@ -8,7 +8,8 @@
 namespace fieldtrace {
 namespace {
 
-// Maps of D x D directions err by k_map_error (8 / D)^k_map_error_decay of the light that is hidden (root mean square).
+// Maps of D x D directions err by k_map_error (8 / D)^k_map_error_decay of the light, times the root of the share that
+// is hidden (root mean square).
 constexpr double k_map_error = 0.035, k_map_error_decay = 2.0;
 // Reads in the time of a ray.
 constexpr double k_reads_a_ray = 200.0;

@@ -5,7 +5,7 @@ namespace fieldtrace {
 
 // A picture whose sky is answered by maps, as surveys foretell it. Mean squares are those of the picture's pixels.
 struct FrameByMaps {
-  double rays = 0.0;    // that Monte Carlo would send for it
+  double rays = 0.0;    // that it takes as long as, before maps are made
   double reads = 0.0;   // of maps and planes, in each direction
   double noise = 0.0;   // mean square
   double hidden = 0.0;  // of the light's mean square, the share that something hides

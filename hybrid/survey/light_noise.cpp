@@ -46,14 +46,14 @@ double noise_of_difference(const NoiseSurvey& all, const NoiseSurvey& part, Erro
   return sum / double(std::max<size_t>(all.sums.size(), 1));
 }
 
-// Of what is noisy: two sequences multiplied.
+// Of what is noisy, by two independent sequences.
 double noiseless_square(const NoiseSurvey& survey, ErrorMeasure measure) {
   double sum = 0.0;
   for (const SequencePair& pair : survey.sums) {
     const DVec3 a = pair[0].mean(), b = pair[1].mean();
     if (a != b) sum += weighted_square(a * b, 0.5 * (a + b), measure);
   }
-  return std::max(sum, 0.0) / double(std::max<size_t>(survey.sums.size(), 1));
+  return sum / double(std::max<size_t>(survey.sums.size(), 1));
 }
 
 // A mean square falls as samples^-k_edge_decay.
@@ -78,19 +78,19 @@ LightNoise::LightNoise(const PictureSurvey& picture, Stats& stats) : picture_(pi
   of_direct_ = std::max(of_light_ - sent_on, 0.0);
 }
 
-double LightNoise::edges_and(double share_of_sent_on) const {
+double LightNoise::left_at_one_sample(double share_of_sent_on) const {
   return all_ - of_direct_ - share_of_sent_on * (of_light_ - of_direct_);
 }
 
 LightNoise::Without LightNoise::without(double share_of_sent_on) const {
   if (!(all_ > 0.0) || !picture_.goes_on()) return {1.0, 1.0};
-  const double left = edges_and(share_of_sent_on);
+  const double left = left_at_one_sample(share_of_sent_on);
   const double of_picture = all_ - of_direct_ * (1.0 - 1.0 / double(picture_.settings.light_samples));
   return {of_picture > left ? gain_of(left / of_picture) : 1.0, std::max(left / all_, k_least_noise_left)};
 }
 
 double LightNoise::left_of(double share_of_sent_on, double samples) const {
-  const double edges = std::max(edges_and(share_of_sent_on), 0.0);
+  const double edges = std::max(left_at_one_sample(share_of_sent_on), 0.0);
   return edges / std::pow(samples, k_edge_decay) + k_noise_by_maps * all_ / samples;
 }
 

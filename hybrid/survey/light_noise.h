@@ -22,7 +22,8 @@ class LightNoise {
   // If direct light at first surfaces had none, and this share of what other surfaces send to them. The gain is 1 if
   // goes_on() became false meanwhile.
   Without without(double share_of_sent_on) const;
-  // The mean square that so many samples of a pixel leave of that: edges, and rays to cells that maps do not decide.
+  // The mean square that so many samples of a pixel leave of that: edges and longer paths, as if these fell as fast,
+  // and rays to cells that maps do not decide.
   double left_of(double share_of_sent_on, double samples) const;
   static double most_gain();
   // The mean square of the picture where light has noise, without that noise.
@@ -30,7 +31,7 @@ class LightNoise {
 
  private:
   // What is left where direct light has no noise, and this share of the rest has none.
-  double edges_and(double share_of_sent_on) const;
+  double left_at_one_sample(double share_of_sent_on) const;
 
   PictureSurvey picture_;
   // Mean squares: of all noise; what would be taken away of it if light had none, and if direct light had none.

@@ -99,7 +99,7 @@ NoiseForecast noise_of(const NoiseSurvey& survey, ErrorMeasure measure, double m
 }
 
 uint32_t few_samples_of(double pixels, int samples) {
-  // Two surveys of two sequences each are compared.
+  // Two surveys of two sequences each are compared, or three where paths may be longer.
   const double wanted = k_survey_share * pixels * samples / (4.0 * std::min(pixels, k_few_samples_pixels));
   const double most = std::min(double(samples), k_most_few_samples);
   return uint32_t(std::min(nearest_power(std::max(wanted, 1.0)), most));

@@ -59,7 +59,7 @@ struct PictureSurvey {
   const std::shared_ptr<const LightTable>& lights;
   const TransportSettings& settings;  // of the picture
   Rect window;
-  uint32_t samples = 1;  // few_samples_of() the picture: of each pixel, or one of as many times the pixels
+  uint32_t samples = 1;  // few_samples_of() the picture: of each pixel, or one in each of as many times the pixels
   ErrorMeasure measure = ErrorMeasure::absolute;
   GoesOn goes_on = [] { return true; };
 };

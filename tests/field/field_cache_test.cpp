@@ -15,6 +15,7 @@
 #include "core/io/file_lock.h"
 #include "core/platform/machine_memory.h"
 #include "field/file/field_file.h"
+#include "field/file/field_trailer.h"
 #include "tests/support/field_checks.h"
 
 namespace fieldtrace {
@@ -428,17 +429,37 @@ TEST_F(LimitedCache, AFileRemovedBeforeItIsOpenedIsNone) {
   fs::copy_file(path, kept);
   std::atomic<bool> stop = false;
   std::thread other([&] {
+    std::error_code failed;
     while (!stop) {
-      fs::remove(path);
-      fs::copy_file(kept, next, fs::copy_options::overwrite_existing);
-      fs::rename(next, path);
+      fs::remove(path, failed);
+      fs::copy_file(kept, next, fs::copy_options::overwrite_existing, failed);
+      fs::rename(next, path, failed);
     }
   });
   Field field = make_field();
-  for (int i = 0; i < 2000; ++i) FieldCache(folder_.path(), warnings_.sink()).load(field, identity_of(1));
+  int found = 0, missing = 0;
+  for (int i = 0; i < 100000 && (i < 2000 || found == 0 || missing == 0); ++i) {
+    const bool is_found = FieldCache(folder_.path(), warnings_.sink()).load(field, identity_of(1));
+    (is_found ? found : missing) += 1;
+  }
   stop = true;
   other.join();
+  EXPECT_GT(found, 0);
+  EXPECT_GT(missing, 0);
   EXPECT_TRUE(warnings_.lines.empty()) << warnings_.lines[0];
+}
+
+TEST(FieldCache, AMissingFileIsToldApartFromOneThatCannotBeRead) {
+  const TemporaryFolder folder;
+  EXPECT_THROW(read_checked(folder / "none.vdb"), MissingFieldFile);
+  try {
+    read_checked(folder.path());
+    FAIL() << "read";
+  } catch (const MissingFieldFile&) {
+    FAIL() << "missing";
+  } catch (const FieldFileError& e) {
+    EXPECT_EQ(e.reason(), "is a folder");
+  }
 }
 
 // ---- little memory

@@ -98,6 +98,29 @@ TEST(LightNoise, IsAllOfItOnAnOpenFloor) {
   EXPECT_GT(s.gain_without(k_none_sent_on), 8.0);
 }
 
+// Of a floor that sees all of an even sky what arrives has no noise of its own value: that is told without it.
+TEST(LightNoise, TellsTheLightWithoutIt) {
+  TestScene s;
+  s.floor();
+  s.light(EmitterKind::constant, Rgb(2.0f));
+  s.instance(s.mesh(make_sphere()), s.grey, Affine(1.0f));
+  s.scene.integrator.max_depth = 2;
+  TransportSettings settings;
+  settings.max_depth = 2;
+  settings.light_samples = 1;
+  const SurveyedScene surveyed{s.scene, settings};
+  Stats stats;
+  const LightNoise noise(surveyed.with([] { return true; }), stats);
+  // All of it, but where nothing hides the sky from a pixel: there nothing is noisy.
+  EXPECT_GT(noise.light(), 0.2 * 1.6 * 1.6);
+  EXPECT_LT(noise.light(), 1.6 * 1.6);
+  // Edges fall faster than light.
+  const double one = noise.left_of(k_none_sent_on, 1.0), four = noise.left_of(k_none_sent_on, 4.0);
+  EXPECT_GT(one, 0.0);
+  EXPECT_LT(four, one / 6.0);
+  EXPECT_GT(four, one / 8.01);
+}
+
 // A point's light is exact at the first surface, and random beyond.
 TEST(LightNoise, IsToldApartByPaths) {
   TestScene s;
